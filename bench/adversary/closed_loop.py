@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.native.cache import cached, digest
-from soter.native.compiler import STRICT, compile_with, find
-from soter.native.shared_library import texts
+from soter.native.compiler import STRICT, compile_with, find_compiler
+from soter.native.shared_library import c_texts
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -141,9 +141,9 @@ class Outcome:
 @lru_cache(maxsize=1)
 def library() -> ct.CDLL:
     """The compiled loop, kept by content."""
-    compiler = find()
+    compiler = find_compiler()
     flags = (*STRICT, "-O2", "-fPIC", "-shared")
-    content = digest((compiler.identity, *flags, *texts(SOURCE)))
+    content = digest((compiler.identity, *flags, *c_texts(SOURCE)))
 
     def make(work: Path) -> None:
         command = [*compiler.command, *flags, str(SOURCE), "-o", str(work / LOOP), "-lm"]

@@ -26,8 +26,8 @@ import numpy as np
 from soter.codegen.unit import generate
 from soter.language.front_end import check_file, system_of
 from soter.native.cache import cached, digest
-from soter.native.compiler import STRICT, compile_with, find
-from soter.native.shared_library import CHECK_FAILED, KERNEL, RUNTIME, texts
+from soter.native.compiler import STRICT, compile_with, find_compiler
+from soter.native.shared_library import CHECK_FAILED, KERNEL, RUNTIME, c_texts
 from soter.report.tables import table
 
 if TYPE_CHECKING:
@@ -79,10 +79,10 @@ class Worst:
 def compiled(name: str) -> Path:
     """A system of drone_vehicle.soter with the loop around its steps."""
     unit = generate(system_of(check_file(str(VEHICLE)), name.capitalize()))
-    compiler = find()
+    compiler = find_compiler()
     flags = (*STRICT, "-O3", "-march=native", "-fPIC", "-shared", f"-D{name.upper()}")
     sources = [str(LOOP), *(str(RUNTIME / k) for k in KERNEL), str(CHECK_FAILED)]
-    content = digest([unit.source, unit.header, compiler.identity, *flags, *texts(*sources)])
+    content = digest([unit.source, unit.header, compiler.identity, *flags, *c_texts(*sources)])
 
     def make(work: Path) -> None:
         (work / "drone_vehicle.c").write_text(unit.source, encoding="utf-8")

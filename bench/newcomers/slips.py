@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Severity
-from soter.diagnostics.fixes import applied
+from soter.diagnostics.fixes import apply_fix
 from soter.diagnostics.render import render
 from soter.language.front_end import check_file
 
@@ -141,7 +141,7 @@ def ask(slip: Slip, folder: Path) -> Answer:
 
 def mends(fix: Fix, severity: Severity, asked: str) -> bool:
     """Whether nothing as bad is said of the program after an edit."""
-    texts = applied(fix)
+    texts = apply_fix(fix)
     before = {source: source.text for source in texts}
     for source, text in texts.items():
         Path(source.name).write_text(text, encoding="utf-8")

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from cffi import FFI
 
 from soter.native.cache import cached, digest
-from soter.native.compiler import STRICT, WARNINGS, compile_with, find
+from soter.native.compiler import STRICT, WARNINGS, compile_with, find_compiler
 from soter.native.shared_library import CHECK_FAILED, RUNTIME
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ LIBRARY = "leases.so"
 @lru_cache(maxsize=1)
 def engine() -> tuple[Any, Any]:
     """(ffi, library) of both files."""
-    compiler = find()
+    compiler = find_compiler()
     flags = (*STRICT, *WARNINGS, "-O2", "-fPIC", "-shared", f"-I{RUNTIME}")
     sources = [*(RUNTIME / n for n in SOURCES), CHECK_FAILED]
     names = [*sources, *(RUNTIME / n for n in HEADERS)]

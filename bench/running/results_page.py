@@ -25,9 +25,16 @@ import numpy as np
 
 import soter
 from soter.campaign.batch_flights import EVENT, TO_AC, TO_SC
-from soter.campaign.statistics import rate
-from soter.campaign.tables import an_hour, bound, faults_explain, interval, quoted_names, verdict
-from soter.campaign.tables import faults as faults_table
+from soter.campaign.statistics import garwood
+from soter.campaign.tables import (
+    bound_text,
+    faults_explain,
+    faults_table,
+    interval_text,
+    quoted_names,
+    rate_unit,
+    verdict,
+)
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
@@ -74,7 +81,7 @@ def beside_the_paper(campaign: Campaign, outside: Campaign) -> Iterator[str]:
         "simulated": f"{HOURS:g} h in Gazebo",
         "flown": f"about {KM:,.0f} km",
         "violations": f"{PAPERS_CRASHES} crashes",
-        "violations an hour aloft, 95 %": interval(*rate(PAPERS_CRASHES, HOURS)),
+        "violations an hour aloft, 95 %": interval_text(*garwood(PAPERS_CRASHES, HOURS)),
         "takeovers": f"{PAPERS_TAKEOVERS}",
         f"AC share, {MOTION}": "> 96 %",
     }
@@ -92,7 +99,7 @@ def figures(campaign: Campaign) -> Iterator[tuple[str, str]]:
     )
     episodes = sum(m.episodes for m in r.modules)
     saves = sum(m.saves or 0 for m in r.modules)
-    hour = an_hour(r)
+    hour = rate_unit(r)
     inside = sum(1 for _, why in campaign.faults if why)
     yield (
         "faults inside, outside of what proofs assume",
@@ -103,14 +110,14 @@ def figures(campaign: Campaign) -> Iterator[tuple[str, str]]:
     yield "flown", f"{r.km or 0.0:,.0f} km, below {height.most:.1f} m"
     yield "violations", f"{r.violations:,} in {r.flights_violated:,} flights"
     yield "violated flights that no fault outside excuses", f"{r.violated_inside:,}"
-    yield f"violations {hour}, 95 %", f"{interval(*r.per_hour)} ({r.per_hour_basis})"
+    yield f"violations {hour}, 95 %", f"{interval_text(*r.per_hour)} ({r.per_hour_basis})"
     yield "takeovers", f"{sum(m.disengagements for m in r.modules):,}"
     yield "episodes (takeovers within 2 s are one)", f"{episodes:,}"
     yield "saves, precautions", f"{saves:,}, {episodes - saves:,}"
     yield f"saves {hour}", f"{saves / r.rate_hours:.2f}"
     for m in r.modules:
         yield f"AC share, {m.name}", f"{m.ac_share:.2%}"
-        yield f"episodes {hour}, 95 %, {m.name}", f"{interval(*m.per_hour)} ({m.basis})"
+        yield f"episodes {hour}, 95 %, {m.name}", f"{interval_text(*m.per_hour)} ({m.basis})"
     yield "all modules in AC at once", f"{r.ac_share:.2%}"
     yield "mean speed aloft", f"{speed.mean * r.hours / r.rate_hours:.2f} m/s"
     yield "least clearance of the hull", f"{clearance.least:.2f} m"
@@ -200,7 +207,7 @@ def judged(campaign: Campaign, flat: System) -> str:
     return (
         f"A violation of `{campaign.system}` is one of {what}: {verdict(r)} in "
         f"{r.rate_hours:,.1f} h, "
-        f"with 95 % confidence {bound(r)}.{because}"
+        f"with 95 % confidence {bound_text(r)}.{because}"
     )
 
 

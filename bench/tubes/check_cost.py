@@ -31,7 +31,7 @@ from soter.api.deploying import built_image, stack_bound  # noqa: E402
 from soter.codegen.unit import generate  # noqa: E402
 from soter.diagnostics.diagnostic import SoterError  # noqa: E402
 from soter.language.front_end import check_file, system_of, system_to_prove  # noqa: E402
-from soter.native.compiler import compile_with, find  # noqa: E402
+from soter.native.compiler import compile_with, find_compiler  # noqa: E402
 from soter.native.shared_library import CHECK_FAILED, RUNTIME, library_flags  # noqa: E402
 from soter.report.tables import table  # noqa: E402
 from soter.verify.deploy.missing_predicates import rest_claims  # noqa: E402
@@ -129,7 +129,7 @@ system Probing default {{ node Probe; until 1s; }}
     text = WRAP.replace("PROBE_CALL", call).replace("PROBE_ARRAY", f"probe_double_{n}")
     (folder / "wrap.c").write_text(text, encoding="utf-8")
     library = folder / "wrap.so"
-    command = [*find().command, *library_flags(), "-w", "-D_POSIX_C_SOURCE=199309L"]
+    command = [*find_compiler().command, *library_flags(), "-w", "-D_POSIX_C_SOURCE=199309L"]
     command += [f"-I{RUNTIME}", "-o", str(library), str(folder / "wrap.c"), str(CHECK_FAILED)]
     compile_with([*command, "-lm"], folder, "the check does not compile")
     ffi = cffi.FFI()

@@ -20,8 +20,8 @@ from soter.language.elaborate.derived_systems import faultless
 from soter.language.front_end import check_file, system_to_prove
 from soter.language.model.types import leaves
 from soter.native.cache import cached, digest
-from soter.native.compiler import compile_with, find
-from soter.native.shared_library import CHECK_FAILED, KERNEL, RUNTIME, library_flags, texts
+from soter.native.compiler import compile_with, find_compiler
+from soter.native.shared_library import CHECK_FAILED, KERNEL, RUNTIME, c_texts, library_flags
 from soter.verify.deploy.missing_predicates import install_predicates, rest_claims
 from soter.verify.problem.extract import extract
 from soter.verify.problem.problem import Interval
@@ -465,14 +465,14 @@ def _built(module: Module, optimise: str) -> Path:
     }
     kernel = [RUNTIME / name for name in KERNEL]
     flags = (*library_flags(optimise), "-w")
-    key = digest([find().identity, *flags, *parts.values(), *texts(SOURCE, *kernel)])
+    key = digest([find_compiler().identity, *flags, *parts.values(), *c_texts(SOURCE, *kernel)])
 
     def build(folder: Path) -> None:
         for name, text in parts.items():
             (folder / name).write_text(text, encoding="utf-8")
         command = [
-            *find().command, *flags, f"-I{folder}", f"-I{RUNTIME}", f"-I{HERE}", str(SOURCE),
-            *map(str, kernel), str(CHECK_FAILED), "-o", str(folder / LIBRARY), "-lm",
+            *find_compiler().command, *flags, f"-I{folder}", f"-I{RUNTIME}", f"-I{HERE}",
+            str(SOURCE), *map(str, kernel), str(CHECK_FAILED), "-o", str(folder / LIBRARY), "-lm",
         ]  # fmt: skip
         compile_with(command, folder, "the loop of an adversary does not compile")
 

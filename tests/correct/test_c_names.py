@@ -12,10 +12,10 @@ import processes
 import soter
 from generators.c_packages import package
 from long_tests import examples
-from soter.codegen.c_names import file_level_name, no_linked_name
+from soter.codegen.c_names import file_level_name, why_not_linkable
 from soter.codegen.unit import generate
 from soter.language.syntax.tokens import RESERVED
-from soter.native.compiler import STANDARD, WARNINGS, find
+from soter.native.compiler import STANDARD, WARNINGS, find_compiler
 from soter.native.shared_library import RUNTIME
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ rta M { ac F; sc S; period 20ms; safe x < 0.9; ttf x > 0.5; safer x < 0.4; fails
 def compiled(folder: Path, *words: str, cpp: bool = False) -> str:
     """What a compiler says of files that are there, every warning an error."""
     command = [shutil.which("g++") or "clang++", "-std=c++17", "-Wall", "-Wextra", "-Werror"]
-    command = command if cpp else [*find().command, STANDARD, *WARNINGS]
+    command = command if cpp else [*find_compiler().command, STANDARD, *WARNINGS]
     words = (*command, "-fsyntax-only", "-I.", *words)
     done = processes.run(words, cwd=folder, capture_output=True, text=True)
     return "" if done.returncode == 0 else str(done.stderr)
@@ -95,7 +95,7 @@ def test_a_name_that_means_nothing_stays() -> None:
 def macros(folder: Path) -> list[str]:
     """Macros of the headers above that are names, as this machine has them."""
     (folder / "h.h").write_text(INCLUDED)
-    command = [*find().command, STANDARD, "-E", "-dM", "h.h"]
+    command = [*find_compiler().command, STANDARD, "-E", "-dM", "h.h"]
     done = processes.run(command, cwd=folder, capture_output=True, text=True)
     named = {line.split()[1] for line in done.stdout.splitlines() if line.startswith("#define")}
     return sorted(n for n in named if "(" not in n and n not in RESERVED)
@@ -242,10 +242,10 @@ def test_a_linked_function_may_be_called_as_anything_in_generated_code(tmp_path:
     free = {n for n in names if not refused(tmp_path, [n], ["node_bound"])}
     of_nodes = {n for n in names if not refused(tmp_path, ["fun_bound"], [n])}
     for name in set(names) - free:
-        assert OURS.fullmatch(name) or no_linked_name(name, node=False), name
+        assert OURS.fullmatch(name) or why_not_linkable(name, node=False), name
         assert refused(tmp_path, [name], ["node_bound"]) == "X009", name
     for name in free - of_nodes:
-        assert OURS.fullmatch(name) or no_linked_name(name, node=True), name
+        assert OURS.fullmatch(name) or why_not_linkable(name, node=True), name
     assert {"answer", "s", "flags", "status", "in", "out", "fault", "got", "kept"} <= of_nodes
     for functions, nodes in ((sorted(free), ["node_bound"]), (["fun_bound"], sorted(of_nodes))):
         called = [n for n in functions if n not in ("lround", "fabs", "sqrt", "floor")]

@@ -36,7 +36,7 @@ from generators.channel_programs import (
 from generators.elf import undefined_symbols
 from generators.posix_packages import FORGIVING, PATIENT, QUIET, owned
 from soter.native.cache import SOTER
-from soter.native.compiler import STRICT, WARNINGS, find
+from soter.native.compiler import STRICT, WARNINGS, find_compiler
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -334,7 +334,15 @@ def objects(folder: Path, *flags: str) -> Path:
     soter.load(SHUTTLE).build("c", folder)
     kept = [f for f in sorted(folder.glob("*.c")) if f.name not in {"main.c", "soter_app.c"}]
     made = folder / "whole.o"
-    words = [*find().command, *STRICT, *WARNINGS, "-O2", "-ffreestanding", "-nostdlib", *flags]
+    words = [
+        *find_compiler().command,
+        *STRICT,
+        *WARNINGS,
+        "-O2",
+        "-ffreestanding",
+        "-nostdlib",
+        *flags,
+    ]
     done = processes.run([*words, f"-I{folder}", "-r", "-o", made, *kept], capture_output=True)
     assert done.returncode == 0, done.stderr.decode()
     return made
@@ -352,7 +360,14 @@ def test_what_ships_needs_no_library_for_its_checks(tmp_path: Path, flags: tuple
 def test_a_board_without_any_library_gives_the_law(tmp_path: Path, loop: str, code: int) -> None:
     whole = objects(tmp_path, "-fno-stack-protector", "-fno-pic")
     (tmp_path / "board.c").write_text(BOARD.replace("@LOOP@", loop))
-    words = [*find().command, "-std=gnu99", "-O1", "-ffreestanding", "-nostdlib", "-static"]
+    words = [
+        *find_compiler().command,
+        "-std=gnu99",
+        "-O1",
+        "-ffreestanding",
+        "-nostdlib",
+        "-static",
+    ]
     words += ["-fno-stack-protector", "-fno-pic", "-no-pie", f"-I{tmp_path}", "-fno-builtin"]
     linked: list[str | Path] = [tmp_path / "board.c", whole, "-o", tmp_path / "board"]
     done = processes.run([*words, *linked], capture_output=True)

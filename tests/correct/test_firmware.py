@@ -19,7 +19,7 @@ from processes import PIPE
 from soter.api.deploying import stack_bound
 from soter.core.layout import state_layout
 from soter.language.evaluate.arithmetic import FaultKind
-from soter.native.compiler import MEANING, WARNINGS, find
+from soter.native.compiler import MEANING, WARNINGS, find_compiler
 from soter.native.shared_library import CHECK_FAILED
 from soter.native.stack_bound import SILENT
 from soter.semantics.configuration import NEVER
@@ -99,7 +99,7 @@ class Told:
     """The program, told a list of lines at once."""
 
     def __init__(self, built: Path) -> None:
-        self.own = linked(built, list(find().command), SCRIPT, "-std=c99", *MEANING)
+        self.own = linked(built, list(find_compiler().command), SCRIPT, "-std=c99", *MEANING)
 
     def __call__(self, *lines: str) -> list[int | str | Step]:
         text = "\n".join(lines) + "\n"
@@ -346,13 +346,13 @@ def test_the_stack_that_is_used_is_within_the_bound_and_not_far_from_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
     monkeypatch.setenv("SOTER_CC", name)
-    find.cache_clear()
+    find_compiler.cache_clear()
     try:
         made = soter.load(CART).build("c", tmp_path / "cart_c")
         bound = stack_bound(made)
         assert make(tmp_path / "cart_c", "lib").returncode == 0
     finally:
-        find.cache_clear()
+        find_compiler.cache_clear()
     target = tmp_path / "stack"
     words = [name, "-O1", "-w", f"-I{tmp_path / 'cart_c'}", str(FILES / "firmware_stack.c")]
     words += [

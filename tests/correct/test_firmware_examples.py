@@ -11,7 +11,7 @@ import pytest
 import processes
 import soter
 from generators.c_packages import EXAMPLES, make
-from soter.native.compiler import MEANING, WARNINGS, find
+from soter.native.compiler import MEANING, WARNINGS, find_compiler
 
 ROOT = Path(__file__).resolve().parents[2]
 SHUTTLE = EXAMPLES / "wall" / "shuttle_firmware.soter"
@@ -58,7 +58,7 @@ def compiled(built: Path, name: str, text: str) -> Path:
     """A main of one's own with the library of the package."""
     (built / f"own_{name}").write_text(text)
     target = built / f"own_{name.replace('.', '_')}"
-    c = [*find().command, "-std=c99", *MEANING, *WARNINGS]
+    c = [*find_compiler().command, "-std=c99", *MEANING, *WARNINGS]
     words = c if name.endswith(".c") else [shutil.which("g++") or "clang++", *CPP]
     library = str(built / "libshuttle_firmware.a")
     words += [f"-I{built}", str(built / f"own_{name}"), library, "-lm", "-pthread"]
@@ -178,7 +178,7 @@ def test_the_c_blocks_of_the_firmware_page_compile(built: Path) -> None:
     code = "".join(code for page, code in blocks() if page == "deploy.md")
     assert "soter_lease_read" in code
     (built / "page.c").write_text(f"{PRELUDE}{code}}}\n")
-    words = [*find().command, "-std=c99", *WARNINGS, "-Wno-unused-variable", f"-I{built}"]
+    words = [*find_compiler().command, "-std=c99", *WARNINGS, "-Wno-unused-variable", f"-I{built}"]
     done = processes.run(
         [*words, "-c", str(built / "page.c"), "-o", str(built / "page.o")],
         capture_output=True,

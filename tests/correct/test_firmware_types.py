@@ -12,7 +12,7 @@ import pytest
 import processes
 import soter
 from generators.c_packages import make
-from soter.native.compiler import MEANING, WARNINGS, find
+from soter.native.compiler import MEANING, WARNINGS, find_compiler
 from soter.native.shared_library import CHECK_FAILED
 
 if TYPE_CHECKING:
@@ -148,7 +148,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("cpp", [False, True], ids=["c", "c++"])
 def test_every_type_is_taken_checked_and_read_as_it_was(built: Path, cpp: bool) -> None:
-    compiler = list(find().command)
+    compiler = list(find_compiler().command)
     if cpp:
         own = shutil.which("clang++" if "clang" in compiler[0] else "g++")
         if own is None:
@@ -157,7 +157,7 @@ def test_every_type_is_taken_checked_and_read_as_it_was(built: Path, cpp: bool) 
     words = [*compiler, "-std=c++17" if cpp else "-std=c99", *MEANING]
     words += ["-Wall", "-Wextra", "-Wpedantic", "-Werror", "-fsanitize=address,undefined"]
     words += [str(built / ("own.cpp" if cpp else "own.c")), f"-I{built}"]
-    checks = [*find().command, f"-I{built}", "-c", str(CHECK_FAILED), "-o", "checks.o"]
+    checks = [*find_compiler().command, f"-I{built}", "-c", str(CHECK_FAILED), "-o", "checks.o"]
     assert processes.run(checks, cwd=built).returncode == 0
     words += [
         str(built / "checks.o"),

@@ -30,7 +30,7 @@ from soter.codegen.c_names import field_name
 from soter.core.layout import encode_into, size_of
 from soter.language.model.types import FLOAT, INT_MIN, ArrayType, FloatType, ListType, RecordType
 from soter.language.model.values import to_python
-from soter.native.compiler import WARNINGS, find
+from soter.native.compiler import WARNINGS, find_compiler
 from soter.remote.topics import Channel
 from soter.targets.firmware_interface import described_type
 from soter.targets.world_interface import number_of_layout
@@ -189,7 +189,7 @@ def exact(topic: Topic, value: Value) -> bytes:
 def compiled(folder: Path) -> None:
     own = [*WARNINGS, "-std=c99", "-I.", "-o", "other"]
     parts = ["other.c", "soter_outside.c", "soter_channel.c", "soter_posix_check.c"]
-    command = [*find().command, *own, *parts]
+    command = [*find_compiler().command, *own, *parts]
     done = processes.run(command, cwd=folder, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
 

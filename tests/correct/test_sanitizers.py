@@ -22,7 +22,7 @@ from generators.engine_comparison import (
 from generators.random_programs import program
 from generators.shipped_programs import files, subjects_of
 from long_tests import examples, seeds
-from soter.native.compiler import find
+from soter.native.compiler import find_compiler
 from soter.native.shared_library import RUNTIME
 
 if TYPE_CHECKING:
@@ -44,7 +44,13 @@ def _sanitizers(tmp_path_factory: pytest.TempPathFactory) -> None:
     """Skip, visibly, where the compiler has no sanitizers."""
     folder = tmp_path_factory.mktemp("sanitizers")
     (folder / "empty.c").write_text("int main(void) { return 0; }\n")
-    command = [*find().command, *FLAGS, "-o", str(folder / "empty"), str(folder / "empty.c")]
+    command = [
+        *find_compiler().command,
+        *FLAGS,
+        "-o",
+        str(folder / "empty"),
+        str(folder / "empty.c"),
+    ]
     built = processes.run(command, capture_output=True, check=False)
     if built.returncode != 0 or processes.run([str(folder / "empty")], check=False).returncode != 0:
         pytest.skip("this compiler has no ASan and UBSan")

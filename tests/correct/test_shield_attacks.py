@@ -22,7 +22,7 @@ from soter.explore.model.footprints import Footprints
 from soter.language.front_end import check_file, system_of_test
 from soter.language.model.typed import Literal
 from soter.language.model.types import BOOL
-from soter.native.compiler import MEANING, find
+from soter.native.compiler import MEANING, find_compiler
 from soter.native.shared_library import CHECK_FAILED
 from soter.verify.deploy import missing_predicates, shield_tables
 from soter.verify.deploy.missing_predicates import complete
@@ -111,7 +111,15 @@ def test_deployed_c_judges_as_the_simulator_does(tmp_path: Path) -> None:
     (tmp_path / "loop.c").write_text(LOOP)
     own, parts = tmp_path / "loop", [str(tmp_path / "loop.c"), str(tmp_path / "c" / "libshield.a")]
     parts.insert(1, str(CHECK_FAILED))
-    words = [*find().command, "-std=c99", *MEANING, f"-I{tmp_path / 'c'}", *parts, "-lm", "-o"]
+    words = [
+        *find_compiler().command,
+        "-std=c99",
+        *MEANING,
+        f"-I{tmp_path / 'c'}",
+        *parts,
+        "-lm",
+        "-o",
+    ]
     done = processes.run([*words, str(own)], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     readings = zip(at_ns, run.array("motion.x"), run.array("motion.v"), strict=True)

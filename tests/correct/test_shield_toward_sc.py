@@ -27,7 +27,7 @@ from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.front_end import check_file, system_of
 from soter.language.model.typed import Literal
 from soter.language.model.types import FLOAT
-from soter.native.compiler import MEANING, find
+from soter.native.compiler import MEANING, find_compiler
 from soter.native.shared_library import CHECK_FAILED
 from soter.verify.deploy import shield_tables
 from soter.verify.grid import estimate_sets
@@ -304,7 +304,15 @@ def test_deployed_c_moves_as_the_simulator_does(tmp_path: Path) -> None:
     (tmp_path / "loop.c").write_text(LOOP)
     own, parts = tmp_path / "loop", [str(tmp_path / "loop.c"), str(tmp_path / "c" / "libshield.a")]
     parts.insert(1, str(CHECK_FAILED))
-    words = [*find().command, "-std=c99", *MEANING, f"-I{tmp_path / 'c'}", *parts, "-lm", "-o"]
+    words = [
+        *find_compiler().command,
+        "-std=c99",
+        *MEANING,
+        f"-I{tmp_path / 'c'}",
+        *parts,
+        "-lm",
+        "-o",
+    ]
     done = processes.run([*words, str(own)], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     readings = zip(at_ns, run.array("motion.x"), run.array("motion.v"), strict=True)

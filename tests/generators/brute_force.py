@@ -681,7 +681,10 @@ def _everything(system: System) -> Iterator[tuple[Scope, list[object]]]:
             yield n.scope, [*n.node.step, *(n.node.takeover or ())]
         elif n.plant is not None:
             plant = n.plant
-            yield n.scope, [*(e for _, e in plant.lets), *plant.der.values(), *plant.next.values()]
+            yield (
+                n.scope,
+                [*(e for _, e in plant.lets), *plant.der.values(), *plant.next.values()],
+            )
             yield n.scope, [e for _, e in plant.drives]
     for m in system.modules:
         yield m.scope, [e for e in (m.symbol.ttf, m.symbol.safer) if e is not None]

@@ -22,7 +22,7 @@ import processes
 import soter
 from soter.api.deploying import built_image, stack_bound
 from soter.native.cache import cached, digest
-from soter.native.compiler import find
+from soter.native.compiler import find_compiler
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -58,7 +58,7 @@ def make(folder: Path, *settings: str, reads: tuple[Path, ...] = ()) -> Done:
 
     `reads`: files outside of the folder that the settings name.
     """
-    compiler = find()
+    compiler = find_compiler()
     words = ["make", "-B", f"CC={' '.join(compiler.command)}", *settings]
     if any(setting.startswith("CC=") for setting in settings):
         return command(words, folder)  # nothing identifies another compiler

@@ -17,16 +17,16 @@ from soter.codegen.unit import Unit, generate
 from soter.core.layout import StateLayout, state_dtype, state_layout
 from soter.language.front_end import check_file, system_of
 from soter.native.cache import SOTER, cached, digest
-from soter.native.compiler import STRICT, WARNINGS, find
+from soter.native.compiler import STRICT, WARNINGS, find_compiler
 from soter.native.loaded_program import Library, RunStatus
 from soter.native.shared_library import (
     CHECK_FAILED,
     KERNEL,
     LIBRARY,
     RUNTIME,
+    c_texts,
     include_flags,
     objects,
-    texts,
 )
 from soter.semantics.interpreter import Interpreter
 from soter.simulate.run import state_bytes
@@ -130,7 +130,7 @@ def write_units(subjects: list[Subject], folder: Path) -> Path:
 def call_compiler(folder: Path, *arguments: str) -> None:
     """One strict call: a warning is an error."""
     headers = include_flags(SETS / "soter_form.h")
-    command = [*find().command, *STRICT, *WARNINGS, *headers, f"-I{folder}", *arguments]
+    command = [*find_compiler().command, *STRICT, *WARNINGS, *headers, f"-I{folder}", *arguments]
     done = processes.run(command, capture_output=True, text=True, check=False, cwd=folder)
     if done.returncode != 0:
         raise CompileError(done.stderr)
@@ -149,14 +149,14 @@ def compile_library(subjects: list[Subject], folder: Path, optimise: str) -> Pat
     sources = (*(RUNTIME / name for name in KERNEL), CHECK_FAILED)
     kernel = objects(sources, (*flags, *include_flags(RUNTIME / "soter.h")))
     own = [x for s in subjects for x in (s.name, s.unit.header, s.unit.source)]
-    headers = texts(*sources, *sorted(RUNTIME.glob("*.h")), *sorted(SETS.glob("*.h")))
+    headers = c_texts(*sources, *sorted(RUNTIME.glob("*.h")), *sorted(SETS.glob("*.h")))
 
     def make(at: Path) -> None:
         source = write_units(subjects, folder)
         shared = (optimise, "-fPIC", "-shared", "-o", str(at / LIBRARY))
         call_compiler(folder, *shared, str(source), *map(str, kernel), "-lm")
 
-    content = digest((find().identity, *flags, *own, *headers))
+    content = digest((find_compiler().identity, *flags, *own, *headers))
     return cached("compared", content, (LIBRARY,), make) / LIBRARY
 
 

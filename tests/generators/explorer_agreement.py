@@ -210,7 +210,7 @@ def _as_a_user(s: Small, told: Compared) -> None:
 
 def _joined(s: Small, engine: Engine, told: Compared) -> None:
     """Parts that properties join: the same verdict, and an execution that breaks what it says."""
-    if not ComposedSearch.fits(engine, EngineSettings()) or engine.violated_at_start():
+    if not ComposedSearch.can_search(engine, EngineSettings()) or engine.violated_at_start():
         return
     outcomes = ComposedSearch(engine, EngineSettings(), None).run(math.inf)
     if outcomes is None:

@@ -86,7 +86,7 @@ def over(program: Path, *events: str) -> Iterator[None]:
     """`soter run --real-time` runs this program, which is `owned`, in place of what it builds."""
     with pytest.MonkeyPatch.context() as patch:
         made = BuiltPackage(program.parent, program.name)
-        patch.setattr("soter.simulate.real_time.build", lambda *_: made)
+        patch.setattr("soter.simulate.real_time.build_package", lambda *_: made)
         patch.setenv("OWNED_CLOCK", " ".join(events))
         yield
 

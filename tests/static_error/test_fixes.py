@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from generators.file_listing import files_in
 from soter.diagnostics.diagnostic import Diagnostics, Severity, Source
-from soter.diagnostics.fixes import applied
+from soter.diagnostics.fixes import apply_fix
 from soter.language.front_end import CheckResult, check_file
 from soter.language.syntax.parsing.parser import parse
 from tables import all_rows
@@ -32,7 +32,7 @@ SHOWN_BY_A_FIX = {
 
 def after(name: str, fix: Fix) -> CheckResult | None:
     """The program checked with a fix; None where the fix is of another file."""
-    texts = {source.name: text for source, text in applied(fix).items()}
+    texts = {source.name: text for source, text in apply_fix(fix).items()}
     return check_file(name, texts[name]) if set(texts) == {name} else None
 
 

@@ -124,17 +124,17 @@ def params_from_json(
     program: TypedProgram, values: Mapping[str, object], file: Path
 ) -> dict[str, Value]:
     """Parameter values from the JSON of a trace; `SoterError` D010."""
-    from soter.explore.trace import no_trace  # noqa: PLC0415 - see `soter.api`
+    from soter.explore.trace import no_trace_error  # noqa: PLC0415 - see `soter.api`
 
     params: dict[str, Value] = {}
     for name, value in values.items():
         param = program.param(name)
         if param is None:
-            raise no_trace(file, f"its program has no parameter `{name}`")
+            raise no_trace_error(file, f"its program has no parameter `{name}`")
         try:
             params[name] = from_json(param.type, value, name)
         except ValueShapeError as error:
-            raise no_trace(file, f"a parameter: {error}") from error
+            raise no_trace_error(file, f"a parameter: {error}") from error
     return params
 
 

@@ -16,15 +16,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from soter.api.arguments import end_ns, require_writable, time_ns
-from soter.campaign.arms import OURS, PAPER, Arm, Lateness, find_arms, kept_measurement
+from soter.campaign.arms import OURS, PAPER, Arm, Lateness, find_arms, stored_lateness
 from soter.campaign.batch_flights import Fleet
-from soter.campaign.fly_campaign import RayCluster, cluster, fly, fly_batches, require_ray
+from soter.campaign.fly_campaign import RayCluster, fly, fly_batches, join_cluster, require_ray
 from soter.campaign.page import write_page
 from soter.campaign.result import ORDER, Campaign, FlownArm, attributions, count_faults, make_result
 from soter.campaign.store import CampaignIdentity, CampaignStore, write_parquet
 from soter.diagnostics.diagnostic import Diagnostic, Severity, SoterError, mistake
 from soter.language.evaluate.topic_ranges import truth_by_parts
-from soter.native.bindings import bound_alike
+from soter.native.bindings import bind_derived
 from soter.report.wording import changed_parameters
 from soter.simulate.run_options import seed_value
 
@@ -82,7 +82,7 @@ def campaign(
     lateness, others = _other_arms(flat, arms, folder, lateness_s)
     todo = [(OURS, "the system as it is declared", fleet, folder, about)]
     for arm in others:
-        other = Fleet(arm.system, until_ns, core=bound_alike(bindings, arm.system).core)
+        other = Fleet(arm.system, until_ns, core=bind_derived(bindings, arm.system).core)
         identity = _campaign_identity(arm.system, path, until_ns, seed, 0)
         identity = replace(identity, arm=arm.name, lateness=_quantiles_ns(lateness), **other.code())
         todo.append((arm.name, arm.text, other, folder / f"arm-{arm.name}", identity))
@@ -90,7 +90,7 @@ def campaign(
         _part_of_progress(progress or _ignore_progress, k, len(todo)) for k in range(len(todo))
     ]
     with ExitStack() as held:
-        crew = threads or held.enter_context(cluster())
+        crew = threads or held.enter_context(join_cluster())
         flown = [_fly_arm(*one, count, crew, t) for one, t in zip(todo, shares, strict=True)]
     ours = flown[0]
     return Campaign(
@@ -213,7 +213,7 @@ def _other_arms(
     lateness = None
     if PAPER in names:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        lateness = kept_measurement(folder.parent / f"{folder.name}-lateness.json", seconds)
+        lateness = stored_lateness(folder.parent / f"{folder.name}-lateness.json", seconds)
     return lateness, find_arms(flat, names, lateness.quantiles_ns if lateness else ())[1:]
 
 

@@ -314,9 +314,9 @@ def check_report(
     program = checked.program
     assert program is not None
     if bound:
-        from soter.native.bindings import bind_somewhere  # noqa: PLC0415 - see `soter.api`
+        from soter.native.bindings import require_bindable  # noqa: PLC0415 - see `soter.api`
 
-        bind_somewhere(list(flat.values()), bound)
+        require_bindable(list(flat.values()), bound)
     systems = tuple(
         system_report(flat[name], default=symbol.default)
         for name, symbol in checked.systems.items()

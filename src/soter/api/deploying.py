@@ -321,7 +321,7 @@ def stack_bound(package: Package, board: str | None = None) -> StackBound:
 
     Externs, plants and the virtual-time command are not counted.
     """
-    from soter.native.stack_bound import stack_of  # noqa: PLC0415 - runs a compiler
+    from soter.native.stack_bound import stack_bound  # noqa: PLC0415 - runs a compiler
 
     files = {
         PurePath(f.path).name: f.text
@@ -333,7 +333,7 @@ def stack_bound(package: Package, board: str | None = None) -> StackBound:
         and "int main(" not in f.text
     }
     cross = None if board is None else cross_compiler(read_board(board))
-    return stack_of(files, package.entries, package.world, cross)
+    return stack_bound(files, package.entries, package.world, cross)
 
 
 # ---------------------------------------------------------------- what is told

@@ -1,7 +1,7 @@
 """Explores tests of a program, and checks before what a person asks of them.
 
 Purpose: `explore` chooses the tests, flattens their systems, has each searched, writes traces and
-pages, and makes one report. `chosen_tests` finds tests by name, `test_with_times` gives a test
+pages, and makes one report. `chosen_tests` finds tests by name, `with_skew_and_horizon` gives a test
 another skew or horizon.
 Non-goals: exploring one test (`explore/command.py`), the options themselves
 (`explore/search_options.py`).
@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from soter.api.arguments import compute_ttf, given_params, params_as_json, time_ns, write_test_page
-from soter.diagnostics.command_records import made
+from soter.diagnostics.command_records import make_record
 from soter.diagnostics.diagnostic import Diagnostics, SoterError, mistake
 from soter.explore.assumptions import replacements_in_test
 from soter.explore.command import TraceHeader, explore_test, save_traces
@@ -27,7 +27,7 @@ from soter.language.elaborate.derived_systems import with_test
 from soter.language.elaborate.explorable import MAX_STEPS
 from soter.language.front_end import CheckResult, system_of_test
 from soter.language.model.types import Value, show_ns
-from soter.simulate.interrupt import receiving_signals, stop_request
+from soter.simulate.interrupt import current_stop_request, receiving_signals
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -51,7 +51,7 @@ def chosen_tests(
     raise mistake("U010", f"there is no test `{unknown[0]}`", notes=(f"there are: {shown}",))
 
 
-def test_with_times(system: System, skew_ns: int | None, horizon_ns: int | None) -> System:
+def with_skew_and_horizon(system: System, skew_ns: int | None, horizon_ns: int | None) -> System:
     """The test with another skew or horizon; `SoterError` U001 where that is impossible."""
     plan = test_plan(system)
     for word, ns, least in (("skew", skew_ns, 0), ("horizon", horizon_ns, 1)):
@@ -88,7 +88,7 @@ def explore(checked: CheckResult, path: str, choices: Mapping[str, Any]) -> Expl
 
     After an interrupt it returns what was covered with `partial`, else raises KeyboardInterrupt.
     """
-    options = made(SearchOptions, choices)
+    options = make_record(SearchOptions, choices)
     if options.html:
         from soter.report.html import require_report_package  # noqa: PLC0415 - an extra
 
@@ -100,7 +100,7 @@ def explore(checked: CheckResult, path: str, choices: Mapping[str, Any]) -> Expl
     systems = _flat_tests(checked, [t.name for t in tests], values, options)
     params = params_as_json(program, values)
     results: list[TestResult] = []
-    listener = stop_request()
+    listener = current_stop_request()
     with receiving_signals(listener), _keeping_results(results, tests):
         for symbol, system in zip(tests, systems, strict=True):
             about = TraceHeader(path, params, replacements_in_test(symbol))
@@ -147,7 +147,7 @@ def _flat_tests(
             for d in error.diagnostics:
                 diagnostics.add(d)
         else:
-            systems.append(test_with_times(system, skew_ns, horizon_ns))
+            systems.append(with_skew_and_horizon(system, skew_ns, horizon_ns))
     diagnostics.raise_errors()
     for system in systems:
         compute_ttf(system)

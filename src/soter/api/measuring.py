@@ -22,7 +22,7 @@ from soter.api.check_report import TIMES_FORMAT
 from soter.diagnostics.command_records import JsonObject
 from soter.diagnostics.diagnostic import mistake
 from soter.measure import MARGIN, SAMPLES
-from soter.measure.stopwatch import StepTimes, TimedUnit, step_times, timed, timed_components
+from soter.measure.stopwatch import StepTimes, TimedUnit, step_times, time_steps, timed_components
 from soter.native.bindings import bind
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ def measure(
     assert run.trace is not None
     trace = run.trace.view("u1").reshape(len(run.trace), run.layout.size)
     made = TimedUnit(run.system, bind(run.system, program.bound).core)
-    steps = timed(made, trace, samples=samples, margin=margin, seed=seed, progress=progress)
+    steps = time_steps(made, trace, samples=samples, margin=margin, seed=seed, progress=progress)
     return Measured(run.system.name, run.system.program.sha256, machine_words(), margin, steps)
 
 

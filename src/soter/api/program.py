@@ -28,7 +28,7 @@ from soter.api.arguments import (
     write_advice,
 )
 from soter.api.check_report import CheckReport, check_report
-from soter.diagnostics.command_records import made, needless, takes
+from soter.diagnostics.command_records import make_record, needless, takes
 from soter.diagnostics.current_phase import telling_shares
 from soter.diagnostics.diagnostic import Diagnostic, SoterError, mistake
 from soter.language.evaluate.statements import python_function
@@ -149,12 +149,12 @@ class Program:
         `sb3:file.zip:vecnormalize.pkl` (relative to the current folder). SoterError U005 where no
         system has such an extern, U001, X002, X003 for a wrong target.
         """
-        from soter.native.bindings import check_target, require_named  # noqa: PLC0415 - as above
+        from soter.native.bindings import check_target, require_extern  # noqa: PLC0415 - as above
 
         check_target(name, target)
         if self.ok:
             self._flat = self._flat or [system_of(self._checked, s) for s in self.systems]
-            require_named(self._flat, name)
+            require_extern(self._flat, name)
         self._bound[name] = target
         return self
 
@@ -188,7 +188,7 @@ class Program:
         from soter.api.running import simulate  # noqa: PLC0415 - see the docstring
         from soter.simulate.run_options import RunOptions  # noqa: PLC0415 - the same
 
-        how = made(RunOptions, {"until": until, "seed": seed, "engine": engine, **options})
+        how = make_record(RunOptions, {"until": until, "seed": seed, "engine": engine, **options})
         values = self._values(params)
         with telling_shares(how.progress):
             prepared = self._prepared.prepared_system(self._checked, system, values, self._bound)

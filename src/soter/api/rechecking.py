@@ -216,25 +216,25 @@ def replay(path: str | Path) -> ReplayReport:
 
 
 def _replay_trace(trace: Trace, file: Path) -> ReplayReport:
-    from soter.api.exploring import test_with_times  # noqa: PLC0415 - the same
+    from soter.api.exploring import with_skew_and_horizon  # noqa: PLC0415 - the same
     from soter.explore import trace as traces  # noqa: PLC0415 - see `soter.api`
     from soter.explore.replay import replay as run  # noqa: PLC0415 - the same
 
     path = traces.program_path(trace)
     if not Path(path).exists():
-        raise traces.missing_program(trace, path)
+        raise traces.missing_program_error(trace, path)
     checked = check_file(path)
     if not checked.begins:
-        raise traces.changed_program(trace, path)
+        raise traces.changed_program_error(trace, path)
     if not checked.ok or checked.program is None:
         raise SoterError(checked.diagnostics.items)
     if checked.program.sha256 != trace.sha256:
-        raise traces.changed_program(trace, path)
+        raise traces.changed_program_error(trace, path)
     if trace.test not in checked.tests:
-        raise traces.no_trace(file, "its program has no such test")
+        raise traces.no_trace_error(file, "its program has no such test")
     params = params_from_json(checked.program, trace.params, file)
     system = system_of_test(checked, trace.test, params)
-    system = test_with_times(system, trace.skew_ns, trace.horizon_ns)
+    system = with_skew_and_horizon(system, trace.skew_ns, trace.horizon_ns)
     compute_ttf(system)
     replay_result = run(trace, system)
     return ReplayReport(
@@ -249,7 +249,7 @@ def _replay_trace(trace: Trace, file: Path) -> ReplayReport:
 
 
 def _replay_counterexample(file: Path, document: Mapping[str, Any]) -> ReplayReport:
-    from soter.explore.trace import no_trace  # noqa: PLC0415 - see `soter.api`
+    from soter.explore.trace import no_trace_error  # noqa: PLC0415 - see `soter.api`
     from soter.verify.counterexample import AnotherVersionError, replay_file  # noqa: PLC0415 - the same
 
     program, sha256 = str(document.get("program", "")), str(document.get("program_sha256", ""))
@@ -258,10 +258,10 @@ def _replay_counterexample(file: Path, document: Mapping[str, Any]) -> ReplayRep
     except AnotherVersionError as error:
         raise mistake("D011", str(error), "verify again: `soter verify`") from error
     except ValueError as error:
-        raise no_trace(file, str(error)) from error
+        raise no_trace_error(file, str(error)) from error
     except SoterError as error:
         if any(d.code == "U002" for d in error.diagnostics):
-            raise no_trace(file, "its program has no such system") from error
+            raise no_trace_error(file, "its program has no such system") from error
         raise
     outcome = "the run does not show what the file says"
     if run is not None:

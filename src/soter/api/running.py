@@ -22,19 +22,19 @@ from soter.api.arguments import compute_ttf
 from soter.core.layout import state_layout
 from soter.diagnostics.current_phase import phase
 from soter.language.front_end import CheckResult, system_of
-from soter.native.bindings import Bindings, bind, bind_again, bound_alike
+from soter.native.bindings import Bindings, bind, bind_again, bind_derived
 from soter.report.wording import changed_parameters
 from soter.semantics.externs import Stop
 from soter.simulate.externs.c_extern import linked_content
-from soter.simulate.externs.callables import assumptions, callables, close, require_runnable
+from soter.simulate.externs.callables import assumptions, callables, close_externs, require_runnable
 from soter.simulate.interrupt import (
     ANY_END,
     INTERRUPT,
     StopRequest,
+    current_stop_request,
     raise_again,
     signal_name,
-    stop_request,
-    stoppable,
+    stoppable_run,
 )
 from soter.simulate.run import NativeProgram, Pacer, run_interpreted
 from soter.verify.proof_cache import stored_verdicts
@@ -130,7 +130,7 @@ class PreparedSystems:
         named = by_name("soter.campaign.arms").system_of_arm(system, name, Path(folder or "."))
         if named is system:
             return prepared
-        bindings = bound_alike(prepared.bindings, named)
+        bindings = bind_derived(prepared.bindings, named)
         return PreparedSystem(named, prepared.computed, bindings, arm=name)
 
     def compiled(self, prepared: PreparedSystem) -> NativeProgram:
@@ -154,12 +154,12 @@ def simulate(
     writer: RunLog | None,
 ) -> Run:
     """Runs a system as `Program.simulate`, `targets` bound; KeyboardInterrupt unless `partial`."""
-    stop, bindings = stop_request(), bind_again(prepared.bindings, targets)
+    stop, bindings = current_stop_request(), bind_again(prepared.bindings, targets)
     paced = ""
     if options.real_time:
-        from soter.simulate.real_time import why_not  # noqa: PLC0415 - only then
+        from soter.simulate.real_time import why_not_real_time  # noqa: PLC0415 - only then
 
-        paced = why_not(bindings, options.engine)
+        paced = why_not_real_time(bindings, options.engine)
     bound: dict[str, object] = {}
     if options.recorded is not None or (options.real_time and not paced):
         seed, engine, go = _bound_engine(bindings, options)
@@ -171,7 +171,7 @@ def simulate(
     _begin_log(writer, bindings, answered, seed, engine)
     try:
         phase(f"running {bindings.system.name}", anew=True)
-        with stoppable(stop, INTERRUPT if writer is None else ANY_END):
+        with stoppable_run(stop, INTERRUPT if writer is None else ANY_END):
             run = go(
                 until_ns,
                 seed,
@@ -190,7 +190,7 @@ def simulate(
             writer.end_by(error)
         raise
     finally:
-        close(bound)
+        close_externs(bound)
     run.externs, run.extern_files = bindings.texts(), answered
     run.paced = paced
     run.page = _inline_page

@@ -67,22 +67,23 @@ def find_arms(system: System, names: Sequence[str], lateness: Sequence[int]) -> 
         raise SoterError((Diagnostic("U001", f"there is no arm `{unknown[0]}`", helps=helps),))
     arms = [Arm(OURS, system, "the system as it is declared")]
     if ALONE in names:
-        arms.append(Arm(ALONE, _alone(system), "every module forced to AC"))
+        arms.append(Arm(ALONE, _ac_alone(system), "every module forced to AC"))
     if PAPER in names:
         most = f"{lateness[-1] / 1e6:.1f} ms" if lateness else "so"
         text = f"nodes in any order, each release up to {most} late, as measured"
-        arms.append(Arm(PAPER, with_faults(system, _late(system, lateness), shuffled=True), text))
+        late = with_faults(system, _lateness_faults(system, lateness), shuffled=True)
+        arms.append(Arm(PAPER, late, text))
     if SWEPT in names:
         for group in GROUPS:
             for burst in BURSTS_NS:
-                arms += _swept(system, group, burst)
+                arms += _sweep_arms(system, group, burst)
     return arms
 
 
 def system_of_arm(system: System, name: str, folder: Path) -> System:
-    """The system by the rules of an arm of a campaign, as it was flown; itself for `ours`.
+    """The system by the rules of an arm, as the campaign flew it; unchanged for `ours`.
 
-    SoterError U001 for an unknown name, D006 where `folder` has not the lateness that it needs.
+    SoterError U001 for an unknown name, D006 if `folder` has not the lateness that it needs.
     """
     if name == OURS:
         return system
@@ -96,14 +97,14 @@ def system_of_arm(system: System, name: str, folder: Path) -> System:
     return arm_by_name[name].system
 
 
-def _alone(system: System) -> System:
+def _ac_alone(system: System) -> System:
     for m in system.modules:
         system = with_forced_mode(system, m.index, "ac")
     return system
 
 
-def _swept(system: System, group: str, burst_ns: int) -> list[Arm]:
-    held = [_held(c, group, burst_ns) for c in _nodes(system, group)]
+def _sweep_arms(system: System, group: str, burst_ns: int) -> list[Arm]:
+    held = [_hold_fault(c, group, burst_ns) for c in _held_components(system, group)]
     ms = burst_ns // 1_000_000
     often = f"{BURSTS_PER_HOUR:g} times an hour {group} held up for at most {show_ns(burst_ns)}"
     return [
@@ -116,12 +117,12 @@ def _swept(system: System, group: str, burst_ns: int) -> list[Arm]:
     ]
 
 
-def _nodes(system: System, group: str) -> list[Component]:
+def _held_components(system: System, group: str) -> list[Component]:
     """The components that a sweep of this group holds up."""
     return [c for c in system.components if c.role in GROUPS[group]]
 
 
-def _held(c: Component, group: str, burst_ns: int) -> Fault:
+def _hold_fault(c: Component, group: str, burst_ns: int) -> Fault:
     share = BURSTS_PER_HOUR / 3600.0 * (burst_ns / 1e9)
     p = (1.0 - sqrt(1.0 - 4.0 * share)) / 2.0
     text = f"late {group} by {show_ns(burst_ns)} at {BURSTS_PER_HOUR:g} per 1h".replace(" ms", "ms")
@@ -133,19 +134,19 @@ def _held(c: Component, group: str, burst_ns: int) -> Fault:
     )
 
 
-def _late(system: System, lateness: Sequence[int]) -> list[Fault]:
-    """A fault for each component: every release is as late as measured, drawn on its own."""
+def _lateness_faults(system: System, lateness: Sequence[int]) -> list[Fault]:
+    """A fault for each component: every release is as late as measured, each drawn on its own."""
     times = tuple(lateness)
     return [
         _component_fault(
             c, Fault("late", c.index, f"arm.late.{c.name}", 1.0, 0, times, text="measured lateness")
         )
-        for c in _nodes(system, "all")
+        for c in _held_components(system, "all")
     ]
 
 
 def _component_fault(c: Component, fault: Fault) -> Fault:
-    """The fault of a component; that of an AC is inside of what proofs assume."""
+    """The fault of a component; proofs allow that of an AC."""
     if c.role == "ac":
         return replace(fault, inside="AC may do anything")
     return fault
@@ -187,7 +188,7 @@ class Lateness:
 
 
 def measure_lateness(seconds: float = 20.0, period_ns: int = PERIOD_NS) -> Lateness:
-    """Measures for `seconds`; OSError, or SoterError D006 where a busy process has ended."""
+    """Measures for `seconds`; OSError, or SoterError D006 if a busy process has ended."""
     cores = os.cpu_count() or 1
     busy: list[subprocess.Popen[bytes]] = []
     try:
@@ -228,7 +229,7 @@ class _Timespec(ctypes.Structure):
 
 
 def _measure_releases(seconds: float, period_ns: int) -> list[int]:
-    """Sleeps until each release; returns how late each came, ns."""
+    """Sleeps until each release; returns how late each one was, in ns."""
     libc = ctypes.CDLL(None, use_errno=True)
     late, at = [], time.monotonic_ns()
     for _ in range(max(1, int(seconds * 1e9 / period_ns))):
@@ -239,8 +240,8 @@ def _measure_releases(seconds: float, period_ns: int) -> list[int]:
     return late
 
 
-def _read_measurement(path: Path) -> Lateness:
-    """The measurement in a file; SoterError D006 where it is not as `kept` writes it."""
+def _read_lateness(path: Path) -> Lateness:
+    """The measurement in a file; SoterError D006 unless it is as `stored_lateness` writes it."""
     try:
         fields = json.loads(read_bytes(path))
         made = Lateness(**{**fields, "quantiles_ns": tuple(fields["quantiles_ns"])})
@@ -253,10 +254,10 @@ def _read_measurement(path: Path) -> Lateness:
     raise SoterError((Diagnostic("D006", f"`{path}`: it is no lateness", helps=(help_,)),))
 
 
-def kept_measurement(path: Path, seconds: float) -> Lateness:
-    """The measurement in a file; where there is none, measure now and write it there."""
+def stored_lateness(path: Path, seconds: float) -> Lateness:
+    """The measurement in a file; without the file, measures now and writes it."""
     if path.exists():
-        return _read_measurement(path)
+        return _read_lateness(path)
     made = measure_lateness(seconds)
     own_place(path.parent, path.name).write_text(json.dumps(asdict(made)) + "\n", encoding="utf-8")
     return made

@@ -25,20 +25,20 @@ from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.evaluate.arithmetic import require_plain
 from soter.language.load.named_files import POLICIES
-from soter.native.c_interface import address, declarations, interface, opened
+from soter.native.c_interface import address, declarations, interface, open_library
 from soter.native.cache import cached, digest
-from soter.native.compiler import FAST, compile_with, find, vector_flags
-from soter.native.extern_memory import unknown_of
+from soter.native.compiler import FAST, compile_with, find_compiler, vector_flags
+from soter.native.kept_state import why_input_is_unknown
 from soter.native.shared_library import (
     FAULTS,
     KERNEL,
     LIBRARY,
     REPORT,
     RUNTIME,
+    c_texts,
     include_flags,
     library,
     library_flags,
-    texts,
 )
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ class Flyer:
     """A compiled recipe that is flown under many seeds; threads may call `fly` at once."""
 
     def __init__(self, recipe: Recipe) -> None:
-        """Compile, or take it from the cache."""
+        """Compiles the recipe, or takes it from the cache."""
         self.recipe, self.dtype = recipe, recipe.dtype
         self.until_ns, self.horizon_ns = recipe.until_ns, recipe.horizon_ns
         unit = recipe.unit
@@ -86,13 +86,13 @@ class Flyer:
         self.ffi = interface(*(declarations(header) for header in headers))
         self.path, tables = path, [f"{unit.prefix}_{name}" for name in ("program", "measured")]
         if recipe.keeps:  # never loaded here: what its C does as it is loaded is its flight's
-            self.lib = opened(self.ffi, _apart())
+            self.lib = open_library(self.ffi, _process_library())
             names = (os.fsencode(path), *(t.encode("ascii") for t in tables))
             self._names = [self.ffi.new("char[]", name) for name in names]
             self._program = self.ffi.new("soter_library *", self._names)
             self._measured = self.ffi.NULL
         else:
-            self.lib = opened(self.ffi, path)
+            self.lib = open_library(self.ffi, path)
             at = partial(address, self.ffi, path)
             self._program = at(tables[0], "const soter_program *")
             self._measured = at(tables[1], "const soter_measured *")
@@ -104,10 +104,10 @@ class Flyer:
         """The flights of these numbers, in that order; flight k has the seed `first_seed` + k."""
         flights: list[FlightOutcome] = []
         for begin in range(0, len(numbers), self.at_once):
-            flights += self._batch(numbers[begin : begin + self.at_once], first_seed)
+            flights += self._fly_batch(numbers[begin : begin + self.at_once], first_seed)
         return flights
 
-    def _batch(self, numbers: Sequence[int], first_seed: int) -> list[FlightOutcome]:
+    def _fly_batch(self, numbers: Sequence[int], first_seed: int) -> list[FlightOutcome]:
         room = getattr(self._own, "room", ROOM)
         batch: list[FlightOutcome] = []
         while len(batch) < len(numbers):
@@ -115,7 +115,7 @@ class Flyer:
             got = _BatchOutput(self, len(left), room)
             for k, number in enumerate(left):
                 got.flights[k].seed = (first_seed + number) & (2**64 - 1)
-            done = self._flown(got, left)
+            done = self._run_batch(got, left)
             records, at = got.states.view(self.dtype), 0
             for k in range(done):
                 flight = got.flights[k]
@@ -124,15 +124,15 @@ class Flyer:
                 digests = [
                     self.ffi.string(h).decode("ascii") for h in (flight.digest, flight.trajectory)
                 ]
-                flown = self._flight(left[k], flight.seed, events, records[k][0], digests)
-                batch.append(replace(flown, **got.more(k)))
+                flown = self._read_flight(left[k], flight.seed, events, records[k][0], digests)
+                batch.append(replace(flown, **got.saves_and_looks(k)))
             if done < len(left):
                 room *= 4
                 self._own.room = room
         return batch
 
-    def _flown(self, got: _BatchOutput, numbers: Sequence[int]) -> int:
-        """Fly, and return how many flights fit; SoterError X011, X012 for what C did to them."""
+    def _run_batch(self, got: _BatchOutput, numbers: Sequence[int]) -> int:
+        """Flies; returns how many flights had room; SoterError X011, X012 for what C broke."""
         call = (self._program, got.flights, len(numbers), got.order)
         if not self.recipe.keeps:
             flown = int(self.lib.soter_batch(*call, self.ffi.new("size_t *")))
@@ -141,12 +141,12 @@ class Flyer:
         done = shared_zeros((1,), np.int64)
         status = self.lib.soter_batch_apart(*call, self.ffi.cast("int64_t *", done.ctypes.data))
         if done[0] == UNLOADED:
-            opened(self.ffi, self.path)
+            open_library(self.ffi, self.path)
         if done[0] < 0:
             raise _gone(numbers[0], int(got.flights[0].seed), status, changed=done[0] == CHANGED)
         return int(done[0])
 
-    def _flight(
+    def _read_flight(
         self,
         number: int,
         seed: int,
@@ -172,12 +172,12 @@ class Flyer:
             number=number,
             seed=int(seed),
             seconds=self.until_ns / 1e9,
-            ac_s=tuple(_length(s) for s in spans),
-            all_ac_s=_length(_common(spans)) if spans else 0.0,
+            ac_s=tuple(_total_s(s) for s in spans),
+            all_ac_s=_total_s(_common_spans(spans)) if spans else 0.0,
             disengagements=tuple(
                 int((_events_of_module(events, k)["kind"] == TO_SC).sum()) for k in modules
             ),
-            episodes=tuple(_episodes(events, k) for k in modules),
+            episodes=tuple(_episode_count(events, k) for k in modules),
             gate_faults=tuple(int(last["modules"][k]["gate_faults"]) for k in modules),
             violations=int(last["header"]["violations"]),
             first_s=float(bad.min()) / 1e9 if len(bad) else None,
@@ -199,9 +199,9 @@ class Fleet(Flyer):
         core: CoreSystem | None = None,
         horizon_ns: int = 0,
     ) -> None:
-        """Compile; SoterError U003 where the system needs what only Python answers.
+        """Compiles; SoterError U003 if the system needs what only Python answers.
 
-        `horizon_ns`: how far AC is flown on where it was taken off, to count saves; 0: not at all.
+        `horizon_ns`: how far AC is flown on after it lost control, to count saves; 0: not at all.
         """
         core = core or lower(system)
         _require_externs_in_c(system, core)
@@ -222,10 +222,10 @@ class Fleet(Flyer):
     def code(self) -> dict[str, Any]:
         """The C that flies, as fields of `CampaignIdentity`; SoterError X003, X004.
 
-        Of an extern's C also the compiler: nobody has shown that all give the same bits.
+        With an extern's C also the compiler: nobody has shown that all give the same bits.
         """
-        unit, compiler = self.recipe.unit, find()
-        ours = texts(*(RUNTIME / n for n in (*KERNEL, FAULTS)), *COMPILED_WITH)
+        unit, compiler = self.recipe.unit, find_compiler()
+        ours = c_texts(*(RUNTIME / n for n in (*KERNEL, FAULTS)), *COMPILED_WITH)
         linked = {Path(p).name: digest([]) for p, _ in self.recipe.files}
         for p, text in self.recipe.files:
             linked[Path(p).name] = digest([linked[Path(p).name], text])
@@ -234,24 +234,24 @@ class Fleet(Flyer):
         return {
             "code_sha256": digest([unit.header, unit.source, *ours]),
             "linked": linked,
-            "unknown": unknown_of(unit),
+            "unknown": why_input_is_unknown(unit),
         }
 
 
-def _apart() -> Path:
+def _process_library() -> Path:
     """The library of `soter_apart.c`, which loads those of flights; SoterError X003, X004."""
-    compiler, flags = find(), (*library_flags(), *include_flags(APART))
+    compiler, flags = find_compiler(), (*library_flags(), *include_flags(APART))
 
     def make(work: Path) -> None:
         command = [*compiler.command, *flags, "-o", LIBRARY, str(APART), "-ldl"]
         compile_with(command, work, "processes for flights do not compile", (REPORT,))
 
-    content = digest((compiler.identity, *flags, *texts(APART)))
+    content = digest((compiler.identity, *flags, *c_texts(APART)))
     return cached("apart", content, (LIBRARY,), make) / LIBRARY
 
 
 def shared_zeros(shape: tuple[int, ...], dtype: npt.DTypeLike) -> npt.NDArray[Any]:
-    """Zeros of this shape that a copy of this process writes for this one, too."""
+    """Zeros of this shape, in memory that this process shares with copies of itself."""
     count = prod(shape)
     memory = mmap.mmap(-1, max(1, count * np.dtype(dtype).itemsize))
     return np.frombuffer(memory, dtype, count).reshape(shape)
@@ -277,7 +277,7 @@ def _gone(number: int, seed: int, status: int, *, changed: bool) -> SoterError:
 
 
 class _BatchOutput:
-    """The arrays that one call of the batch driver writes, for `count` flights."""
+    """The arrays that one call of the batch driver fills, for `count` flights."""
 
     def __init__(self, fleet: Flyer, count: int, room: int) -> None:
         ffi, modules, bins = fleet.ffi, len(fleet.recipe.forced), fleet.recipe.bins
@@ -309,15 +309,15 @@ class _BatchOutput:
         for name, kind, array in places:
             setattr(self.order, name, ffi.cast(kind, array.ctypes.data))
 
-    def more(self, k: int) -> dict[str, Any]:
-        """Saves and looks of flight number k of the call."""
-        fields: dict[str, Any] = {"looks": tuple(self._looks(k))}
+    def saves_and_looks(self, k: int) -> dict[str, Any]:
+        """The looks of flight number k of the call, and its saves if they are counted."""
+        fields: dict[str, Any] = {"looks": tuple(self._metric_samples(k))}
         if self.fleet.horizon_ns:
             fields["saves"] = tuple(self.saves[k].tolist())
             fields["precautions"] = tuple(self.precautions[k].tolist())
         return fields
 
-    def _looks(self, k: int) -> Iterator[MetricSample]:
+    def _metric_samples(self, k: int) -> Iterator[MetricSample]:
         at = 0
         for i, bins in enumerate(self.fleet.recipe.bins):
             count, _, total, least, most = self.looks[k, i].tolist()
@@ -334,7 +334,7 @@ IN_C = (
 
 
 def _compiled_instead(outside: Sequence[Component], program: str) -> tuple[str, ...]:
-    """The help lines: what can be flown in place of a node that Python or a policy answers."""
+    """Help lines: what can fly in place of a node that Python or a policy answers."""
     kind, _, file = (outside[0].binding or "" if outside else "").partition(":")
     written: tuple[str, ...] = ()
     if kind in POLICIES and Path(file.partition(":")[0]).is_file():
@@ -354,7 +354,7 @@ def _compiled_instead(outside: Sequence[Component], program: str) -> tuple[str, 
 
 
 def _require_externs_in_c(system: System, core: CoreSystem) -> None:
-    """SoterError U003 where a node or function is answered in Python alone, or by nobody."""
+    """Raises SoterError U003 if only Python answers a node or function, or nobody does."""
 
     def in_c(binding: str | None) -> bool:
         return (binding or "").startswith("c:")
@@ -374,7 +374,7 @@ def _require_externs_in_c(system: System, core: CoreSystem) -> None:
 
 
 def _events_of_module(events: npt.NDArray[Any], module: int) -> npt.NDArray[Any]:
-    """The events (n,) of one module."""
+    """The mode changes of one module among events, (n,)."""
     module_events: npt.NDArray[Any] = events[
         (events["kind"] <= TO_AC) & (events["index"] == module)
     ]
@@ -384,7 +384,7 @@ def _events_of_module(events: npt.NDArray[Any], module: int) -> npt.NDArray[Any]
 def _ac_spans(
     events: npt.NDArray[Any], module: int, since: int | None, until_ns: int
 ) -> list[tuple[int, int]]:
-    """Spans (from, to) in ns in AC, from events (n,); `since`: as of `_start`."""
+    """Spans (from, to) in ns in AC, from events (n,); `since`: the start of AC so far, or None."""
     spans: list[tuple[int, int]] = []
     for time, kind in _events_of_module(events, module)[["time", "kind"]].tolist():
         if kind == TO_AC:
@@ -395,8 +395,8 @@ def _ac_spans(
     return spans + ([(since, until_ns)] if since is not None else [])
 
 
-def _common(spans: list[list[tuple[int, int]]]) -> list[tuple[int, int]]:
-    """The spans that all these lists have in common."""
+def _common_spans(spans: list[list[tuple[int, int]]]) -> list[tuple[int, int]]:
+    """The spans in which all these lists overlap."""
     overlap = spans[0]
     for other in spans[1:]:
         both, i, k = [], 0, 0
@@ -412,12 +412,12 @@ def _common(spans: list[list[tuple[int, int]]]) -> list[tuple[int, int]]:
     return overlap
 
 
-def _length(spans: Iterable[tuple[int, int]]) -> float:
+def _total_s(spans: Iterable[tuple[int, int]]) -> float:
     return sum(b - a for a, b in spans) / 1e9
 
 
-def _episodes(events: npt.NDArray[Any], module: int) -> int:
-    """The number of disengagements in events (n,); those close to each other count as one."""
+def _episode_count(events: npt.NDArray[Any], module: int) -> int:
+    """How many episodes there are in events (n,): disengagements close together count as one."""
     module_events = _events_of_module(events, module)
     times = module_events[module_events["kind"] == TO_SC]["time"]
     if not len(times):

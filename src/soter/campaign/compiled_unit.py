@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from soter.codegen import c_tree as c
 from soter.codegen import decisions
-from soter.codegen.c_tree import branch_free
+from soter.codegen.c_tree import without_branches
 from soter.codegen.c_types import float_number, int_number
 from soter.codegen.state_access import S
 from soter.codegen.unit import UnitBuilder
@@ -25,8 +25,8 @@ from soter.core.core_walks import operations_by_name, walk
 from soter.core.layout import size_of, state_dtype
 from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.native.cache import cached, digest, included
-from soter.native.extern_memory import kept_by
+from soter.native.cache import cached, digest, included_files
+from soter.native.kept_state import why_it_keeps_state
 from soter.simulate.module_safe_check import extern_functions
 
 if TYPE_CHECKING:
@@ -67,13 +67,13 @@ class Recipe:
 def make_recipe(
     system: System, core: CoreSystem, until_ns: int, *, horizon_ns: int = 0, optimise: str = "-O3"
 ) -> Recipe:
-    """The recipe of a system; SoterError X003 where the C of an extern cannot be read."""
+    """The recipe of a system; SoterError X003 if the C of an extern cannot be read."""
     unit = generate_measured(system, core)
-    keeps = kept_by(unit)
+    keeps = why_it_keeps_state(unit)
     if keeps:
         _require_stateless_c(system, core)
         unit = generate_measured(system, core, remembers=False)
-    files = {str(p): t for p, t in included(*unit.c_sources).items()}
+    files = {str(p): t for p, t in included_files(*unit.c_sources).items()}
     return Recipe(
         unit=unit,
         dtype=state_dtype(unit.layout),
@@ -90,7 +90,7 @@ def make_recipe(
 
 
 def _require_stateless_c(system: System, core: CoreSystem) -> None:
-    """SoterError U003 where a measure calls C that may keep something, as a run calls it not."""
+    """Raises SoterError U003 if a measure calls C that may keep state, as a run never calls it."""
     extern = extern_functions(core)
     for measure, value in zip(system.measures, core.measures, strict=True):
         called = {x.function for x in walk((*value.body, value.value)) if isinstance(x, Call)}
@@ -102,7 +102,7 @@ def _require_stateless_c(system: System, core: CoreSystem) -> None:
 
 
 def unpack_recipe(recipe: Recipe) -> Recipe:
-    """The recipe where it was sent to: the C of its externs lies in this machine's cache."""
+    """The recipe on the machine that got it, with the C of its externs in the cache there."""
     if not recipe.files:
         return recipe
     root = os.path.commonpath([str(Path(p).parent) for p, _ in recipe.files])
@@ -143,17 +143,18 @@ class UnitCache(UnitBuilder):
         self.remembered = _dear_calls(core) if remembers else frozenset()
         self.frame.works_in_place = True
 
-    def function(self, f: Function) -> list[c.CTop]:
-        """The C of a function; if it is remembered, with its last arguments and result."""
-        made = branch_free(self._function(f))
+    def function_definitions(self, f: Function) -> list[c.CTop]:
+        """The C of a function, which may remember its last arguments and result."""
+        made = without_branches(self._function_definition(f))
         if f.name not in self.remembered:
             return [made]
         anew = f"{made.name}_anew"
-        return [replace(made, name=anew), *_remembering(made, anew, self.types.work(f.result_type))]
+        result = self.types.work_type(f.result_type)
+        return [replace(made, name=anew), *_with_memory(made, anew, result)]
 
-    def property(self, p: Property, predicate: Predicate) -> c.FunctionDef:
-        """The C that judges a property, again only where a topic that it reads is published."""
-        made = super().property(p, predicate)
+    def property_function(self, p: Property, predicate: Predicate) -> c.FunctionDef:
+        """The C that judges a property, only anew when a topic that it reads is published."""
+        made = super().property_function(p, predicate)
         topics = self._topics_read(predicate) if self.remembers else ()
         if p.component is not None or not topics or made.body is None:
             return made
@@ -171,7 +172,7 @@ class UnitCache(UnitBuilder):
         return replace(made, body=(first, c.IfStmt(old, (c.Return(active),)), *rest))
 
     def _topics_read(self, predicate: Predicate) -> tuple[int, ...]:
-        """The topics that a predicate reads; () where it reads more than topics of nodes."""
+        """The topics that a predicate reads; () if it reads more than topics of nodes."""
         cells = predicate.footprint.reads
         if not cells or predicate.footprint.modes or predicate.footprint.stamps:
             return ()
@@ -186,12 +187,12 @@ class UnitCache(UnitBuilder):
         return tuple(sorted({cell.owner for cell in cells}))
 
     @staticmethod
-    def names_of_more(system: System) -> tuple[str, ...]:
-        """The C names of the tables and of the function of each measure."""
+    def added_names(system: System) -> tuple[str, ...]:
+        """The C names of the tables and of each measure's function."""
         return ("measured", "measures", *(f"measure_{k}" for k in range(len(system.measures))))
 
-    def more(self) -> list[c.CTop]:
-        """The table of measures, and their functions."""
+    def added_definitions(self) -> list[c.CTop]:
+        """The C of the measures, and of the table that lists them."""
         declarations: list[c.CTop] = [c.Include("soter_batch.h")]
         rows: list[tuple[None, c.CExpr]] = []
         for k, (measure, value) in enumerate(
@@ -199,32 +200,29 @@ class UnitCache(UnitBuilder):
         ):
             name = f"{self.prefix}_measure_{k}"
             doc = f"measure {measure.name}"
-            declarations.append(decisions.number(self.frame, value, name, doc))
-            rows.append((None, _row(measure, name)))
+            declarations.append(decisions.number_function(self.frame, value, name, doc))
+            rows.append((None, _measure_row(measure, name)))
         table = f"{self.prefix}_measures"
         if rows:
             declarations.append(
                 c.VariableDef("soter_measure", table, c.Initializer(tuple(rows)), True)
             )
-        fields = (
-            ("count", c.Number(f"{len(rows)}U")),
-            ("measure", c.Name(table if rows else "NULL")),
-        )
         declared = c.VariableDef("soter_measured", f"{self.prefix}_measured", None)
-        value_of = c.Initializer(fields)
-        defined = c.VariableDef("soter_measured", f"{self.prefix}_measured", value_of, static=False)
+        count, first = c.Number(f"{len(rows)}U"), c.Name(table if rows else "NULL")
+        table_value = c.named_fields(count=count, measure=first)
+        defined = c.VariableDef(
+            "soter_measured", f"{self.prefix}_measured", table_value, static=False
+        )
         return [*declarations, declared, defined]
 
 
-def _row(measure: Metric, name: str) -> c.CExpr:
-    return c.Initializer(
-        (
-            ("every_ns", int_number(measure.every_ns)),
-            ("low", float_number(measure.low)),
-            ("high", float_number(measure.high)),
-            ("bins", c.Number(f"{measure.bins}U")),
-            ("value", c.Name(name)),
-        )
+def _measure_row(measure: Metric, name: str) -> c.CExpr:
+    return c.named_fields(
+        every_ns=int_number(measure.every_ns),
+        low=float_number(measure.low),
+        high=float_number(measure.high),
+        bins=c.Number(f"{measure.bins}U"),
+        value=c.Name(name),
     )
 
 
@@ -248,8 +246,8 @@ def _dear_calls(core: CoreSystem) -> frozenset[str]:
     )
 
 
-def _remembering(made: c.FunctionDef, anew: str, result: str) -> list[c.CTop]:
-    """The function `made`, which keeps its last arguments and result for each thread.
+def _with_memory(made: c.FunctionDef, anew: str, result: str) -> list[c.CTop]:
+    """The C of `made`, which keeps its last arguments and result for each thread.
 
     Arguments are compared as bytes: structs have no holes. Large ones go by address (decision 109).
     """

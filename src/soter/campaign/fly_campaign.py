@@ -1,9 +1,9 @@
 """Fly a campaign: its flights by threads or on a Ray cluster, stored as they come.
 
 Purpose: `fly` takes a fleet and a folder to all flights, which are the same whatever flies them:
-threads, or the workers that `cluster` gives, on Ray. The recipe is sent (the generated C and how to
-read a state); each process compiles it once and keeps it. A batch whose worker dies is flown again
-by another one.
+threads, or the workers that `join_cluster` gives, on Ray. The recipe is sent (the generated C and
+how to read a state); each process compiles it once and keeps it. A batch whose worker dies is flown
+again by another one.
 Non-goals: what the flights say (`result.py`), keeping them (`store.py`), starting clusters of
 several machines (Ray's own tools).
 """
@@ -46,13 +46,13 @@ AHEAD = 4
 
 
 class PendingBatch(Protocol):
-    """A batch that was asked for of any worker."""
+    """A batch that some worker was asked for."""
 
     def result(self) -> list[FlightOutcome]:
-        """Its flights, waiting for them; raises what went wrong."""
+        """Waits for the flights, and gives them; raises the worker's error."""
 
     def cancel(self) -> object:
-        """Cancel it: nobody wants its flights any more."""
+        """Cancels the batch: nobody wants its flights any more."""
 
 
 def fly(
@@ -62,7 +62,7 @@ def fly(
     workers: int | RayCluster,
     progress: Callable[[float], None],
 ) -> None:
-    """Fly those of `count` flights that the store has not yet, in order, and store each batch."""
+    """Flies those of `count` flights that the store does not have, and stores each batch."""
     todo = range(len(store.flights), count)
     for flights in fly_batches(fleet, todo, store.about.first_seed, workers):
         store.add(flights)
@@ -72,11 +72,11 @@ def fly(
 def fly_batches(
     fleet: Fleet, numbers: Sequence[int], first_seed: int, workers: int | RayCluster
 ) -> Iterator[list[FlightOutcome]]:
-    """The flights of these numbers, a batch at a time, in that order."""
+    """Yields the flights of these numbers, a batch at a time, in that order."""
     batches = deque(numbers[k : k + fleet.at_once] for k in range(0, len(numbers), fleet.at_once))
     waiting: deque[PendingBatch] = deque()
     cores = workers if isinstance(workers, int) else workers.cores
-    crew = _threads(fleet, workers) if isinstance(workers, int) else workers.crew(fleet.recipe)
+    crew = _thread_pool(fleet, workers) if isinstance(workers, int) else workers.crew(fleet.recipe)
     with crew as ask:
         try:
             while batches or waiting:
@@ -89,8 +89,8 @@ def fly_batches(
 
 
 @contextmanager
-def _threads(fleet: Fleet, workers: int) -> Iterator[AskFlights]:
-    """C runs without Python's lock, so threads are enough."""
+def _thread_pool(fleet: Fleet, workers: int) -> Iterator[AskFlights]:
+    """Gives a function that flies batches in threads, as C runs without Python's lock."""
     with ThreadPoolExecutor(workers) as pool:
         yield lambda numbers, first: pool.submit(fleet.fly, numbers, first)
 
@@ -111,7 +111,7 @@ class WorkerReply:
 
 
 def require_ray() -> None:
-    """SoterError D007 where Ray is not installed."""
+    """Raises SoterError D007 if Ray is not installed."""
     if find_spec("ray") is None:
         message = "a cluster is flown on with the package `ray`, which is not installed"
         helps = (f"install it: {pip_install('cluster')}; `--workers local` flies the same here",)
@@ -119,11 +119,11 @@ def require_ray() -> None:
 
 
 @contextmanager
-def cluster() -> Iterator[RayCluster]:
-    """The cluster of $RAY_ADDRESS, else the one that runs here, else one that is started here.
+def join_cluster() -> Iterator[RayCluster]:
+    """The cluster of $RAY_ADDRESS, else one that runs here, else one that is started here.
 
-    A cluster that this call joined or started is left at the end of the block.
-    SoterError D007 without Ray, D018 where it cannot be joined.
+    A cluster that this call joined or started is left at the end of the block. SoterError D007
+    without Ray, D018 if it cannot be joined.
     """
     require_ray()
     os.environ.update({k: v for k, v in QUIET.items() if k not in os.environ})
@@ -153,11 +153,11 @@ class RayCluster:
 
     @contextmanager
     def crew(self, recipe: Recipe) -> Iterator[AskFlights]:
-        """Workers for a recipe: each batch goes to any process of the cluster."""
+        """Gives a function that sends each batch of a recipe to any process of the cluster."""
         ray = self.ray
         packed = pickle.dumps(recipe)
         sent = ray.put(packed)
-        task = ray.remote(num_cpus=1, max_retries=0)(fly_there)
+        task = ray.remote(num_cpus=1, max_retries=0)(fly_batch)
         key, soter = digest([packed.hex()]), own_digest()
         yield lambda numbers, first: _Batch(
             ray, lambda: task.remote(key, sent, soter, list(numbers), first), numbers
@@ -165,14 +165,14 @@ class RayCluster:
 
 
 class _Batch:
-    """A batch that was asked for."""
+    """A batch that the cluster was asked for."""
 
     def __init__(self, ray: Any, ask: Any, numbers: Sequence[int]) -> None:  # noqa: ANN401 - Ray's
         self.ray, self.ask, self.numbers = ray, ask, numbers
         self.asked = ask()
 
     def result(self) -> list[FlightOutcome]:
-        """Its flights; SoterError D018 where workers die again and again, and what they say."""
+        """Waits for the flights; SoterError D018 if workers die repeatedly, or a worker's error."""
         wrong = self.ray.exceptions
         last = ""
         for _ in range(TRIES):
@@ -192,7 +192,7 @@ class _Batch:
         raise _trouble(f"{TRIES} workers died over {which}; those before are kept", last)
 
     def cancel(self) -> None:
-        """Cancel its task."""
+        """Cancels the batch's task."""
         self.ray.cancel(self.asked, force=True)
 
 
@@ -202,8 +202,8 @@ _flyers: dict[str, Flyer] = {}
 """The recipes that this process has compiled, by their digests."""
 
 
-def fly_there(key: str, packed: bytes, soter: str, numbers: list[int], first: int) -> WorkerReply:
-    """Fly a batch in a process of the cluster; `soter`: the `own_digest` of who asked."""
+def fly_batch(key: str, packed: bytes, soter: str, numbers: list[int], first: int) -> WorkerReply:
+    """Flies a batch in a process of the cluster; `soter`: the `own_digest` of who asked."""
     try:
         require_plain()
         if soter != own_digest():

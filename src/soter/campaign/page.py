@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from soter.campaign import tables
 from soter.campaign.statistics import FLIGHTS
-from soter.campaign.tables import an_hour, faults_explain, interval, quoted_names, verdict
+from soter.campaign.tables import faults_explain, interval_text, quoted_names, rate_unit, verdict
 from soter.report.html import write_document
 from soter.report.templates import PageSection, filled
 from soter.report.wording import quantity
@@ -72,12 +72,12 @@ class CampaignPage:
 
 
 def campaign_main(page: CampaignPage) -> str:
-    """The body of the page."""
-    return filled("campaign/page.html.j2", **vars(page), bars=_bars, histogram=_histogram)
+    """The HTML of the page's body."""
+    return filled("campaign/page.html.j2", **vars(page), bars=_bar_chart, histogram=_histogram)
 
 
-def _bars(chart: Bars) -> Iterator[str]:
-    """Draws a bar for each row, with the name above it, as names may be long."""
+def _bar_chart(chart: Bars) -> Iterator[str]:
+    """Yields the SVG of bars, each with its name above it, as names may be long."""
     height = ROW * len(chart.rows) + BOTTOM
     depth = WIDTH - 2 * SIDE
     yield f'<svg class="chart {chart.kind}" viewBox="0 0 {WIDTH} {height}" role="img">'
@@ -95,7 +95,7 @@ def _bars(chart: Bars) -> Iterator[str]:
 
 
 def _histogram(h: Histogram) -> Iterator[str]:
-    """Draws the share of each bin; the two outer bars count values below and above the range."""
+    """Yields the SVG of a histogram; its outer bars count values below and above the range."""
     total = sum(h.bins) or 1
     most = max(h.bins) / total or 1.0
     step = (WIDTH - LEFT - RIGHT) / len(h.bins)
@@ -112,7 +112,7 @@ def _histogram(h: Histogram) -> Iterator[str]:
         faint = ' fill-opacity="0.4"' if k in (0, len(h.bins) - 1) else ""
         yield f'<rect x="{x:.2f}" y="{HEIGHT - BOTTOM - tall:.2f}" width="{step * 0.92:.2f}" '
         yield f'height="{tall:.2f}"{faint}>'
-        yield f"<title>{_bin(h, k)}: {count:,} {escape(h.of)}</title></rect>"
+        yield f"<title>{_bin_text(h, k)}: {count:,} {escape(h.of)}</title></rect>"
     bins = len(h.bins) - 2
     for k in range(0, bins + (not h.whole), max(1, bins // 10)):
         x = LEFT + (k + 1 + h.whole / 2) * step
@@ -123,7 +123,7 @@ def _histogram(h: Histogram) -> Iterator[str]:
     yield f'<text class="name" {at}>{escape(h.x_name)}</text></svg>'
 
 
-def _bin(h: Histogram, k: int) -> str:
+def _bin_text(h: Histogram, k: int) -> str:
     if k == 0:
         return f"below {h.edges[0]:g}"
     if k == len(h.bins) - 1:
@@ -157,13 +157,13 @@ RESTS_ON = (
 
 
 def write_page(campaign: Campaign, program: str, path: Path) -> Path:
-    """Write the page; SoterError D006 where it cannot be written."""
+    """Writes the page; SoterError D006 if it cannot be written."""
     made = make_page(campaign, program)
     return write_document(made.title, campaign_main(made), path)
 
 
 def make_page(campaign: Campaign, program: str) -> CampaignPage:
-    """The page as data."""
+    """The content of the page."""
     r = campaign.result
     way = "" if r.km is None else f", {r.km:,.0f} km"
     aloft = "" if r.hours_aloft is None else " aloft"
@@ -172,17 +172,17 @@ def make_page(campaign: Campaign, program: str) -> CampaignPage:
         title=f"{Path(program).name}: {campaign.system}, {r.flights:,} flights",
         headline=headline,
         verdict="bad" if r.violations else "good" if r.properties else "",
-        sections=tuple(_sections(campaign, program)),
+        sections=tuple(_page_sections(campaign, program)),
         charts=tuple(_charts(campaign)),
         histograms=tuple(_measure_histogram(m) for m in r.measures),
     )
 
 
-def _sections(campaign: Campaign, program: str) -> Iterator[PageSection]:
+def _page_sections(campaign: Campaign, program: str) -> Iterator[PageSection]:
     r = campaign.result
     says = [
         f"{r.hours:,.2f} h in {r.flights:,} flights of {campaign.until_s:g} s.",
-        *_bounds(r),
+        *_bound_texts(r),
     ]
     if campaign.forced:
         says.append(f"Forced, so that nothing protects them: {', '.join(campaign.forced)}.")
@@ -200,18 +200,18 @@ def _sections(campaign: Campaign, program: str) -> Iterator[PageSection]:
     late = (f"Lateness of the arm `paper`: {campaign.lateness}",) if campaign.lateness else ()
     for title, texts, (head, rows) in (
         ("The first violated flights", (), tables.worst_flights_table(campaign)),
-        ("Who was in control", tuple(control), tables.modules(campaign)),
-        ("The same seeds by other rules", late, tables.arms(campaign)),
-        ("What was declared to go wrong", (), tables.faults(campaign)),
+        ("Who was in control", tuple(control), tables.modules_table(campaign)),
+        ("The same seeds by other rules", late, tables.arms_table(campaign)),
+        ("What was declared to go wrong", (), tables.faults_table(campaign)),
     ):
         if rows:
             yield PageSection(title, texts, head, rows)
     yield PageSection("What this rests on", RESTS_ON)
-    yield PageSection("Again", tuple(_again(campaign, program)))
+    yield PageSection("Again", tuple(_commands_again(campaign, program)))
 
 
-def _again(campaign: Campaign, program: str) -> Iterator[str]:
-    """The commands that fly the campaign again, with every option that was given."""
+def _commands_again(campaign: Campaign, program: str) -> Iterator[str]:
+    """Yields the commands that fly the campaign again, with every option that was given."""
     flown = ["--system", campaign.system, "--until", f"{campaign.until_s:.15g}s"]
     flown += ["--seed", f"{campaign.first_seed}"]
     for name, value in campaign.params.items():
@@ -226,7 +226,7 @@ def _again(campaign: Campaign, program: str) -> Iterator[str]:
 
 
 def _charts(campaign: Campaign) -> Iterator[Bars | Histogram]:
-    """Who was in control and how often that changed; the arms side by side."""
+    """Yields the drawings: who was in control, how often that changed, the arms side by side."""
     r, flights = campaign.result, campaign.flights
     several = len(r.modules) > 1
     rows = [(m.name, m.ac_share, f"{m.ac_share:.2%}") for m in r.modules]
@@ -254,7 +254,7 @@ def _charts(campaign: Campaign) -> Iterator[Bars | Histogram]:
 
 
 def _count_bars(name: str, counts: Sequence[int]) -> Histogram:
-    """How many flights had each count of something; bars of several counts where there are many."""
+    """The histogram of how many flights had each count; a bar has several counts if need be."""
     wide = max(counts) // COUNTS_MAX + 1
     bins = [0] * (max(counts) // wide + 1)
     for count in counts:
@@ -265,13 +265,13 @@ def _count_bars(name: str, counts: Sequence[int]) -> Histogram:
     return Histogram(name, caption, edges, (0, *bins, 0), "takeovers", "flights", whole=True)
 
 
-def _bounds(r: Result) -> Iterator[str]:
+def _bound_texts(r: Result) -> Iterator[str]:
     if r.properties:
         by = " (by flight)" if r.per_hour_basis == FLIGHTS else ""
         low, high = r.per_flight
         yield (
-            f"With 95 % confidence {interval(*r.per_hour)} violations {an_hour(r)}{by}, and "
-            f"{interval(100.0 * low, 100.0 * high)} % of flights violated."
+            f"With 95 % confidence {interval_text(*r.per_hour)} violations {rate_unit(r)}{by}, and "
+            f"{interval_text(100.0 * low, 100.0 * high)} % of flights violated."
         )
     if r.distinct < r.flights:
         yield f"{r.flights - r.distinct:,} of the flights are copies of others."

@@ -64,19 +64,21 @@ def attributions(
     bad: Sequence[FlightOutcome],
     again: Callable[[System, Sequence[int]], Iterable[FlightOutcome]],
 ) -> dict[int, FaultAttribution]:
-    """The attribution of each flight in `bad` by number; `again` flies numbers of a system."""
-    met = {f.number: tuple(outside(system, f.seed, _first_ns(f))) for f in bad}
+    """The attribution of each flight in `bad`, by number; `again` flies numbers of a system."""
+    met = {f.number: tuple(faults_outside(system, f.seed, _first_ns(f))) for f in bad}
 
-    def clean(other: System, numbers: Sequence[int]) -> set[int]:
+    def clean_flights(other: System, numbers: Sequence[int]) -> set[int]:
         return {f.number for f in again(other, numbers) if not f.violations} if numbers else set()
 
-    excused = clean(without_outside_faults(system), [n for n, texts in met.items() if texts])
+    excused = clean_flights(
+        without_outside_faults(system), [n for n, texts in met.items() if texts]
+    )
     needed: dict[int, list[str]] = {n: list(met[n]) for n in excused if len(met[n]) == 1}
     several = excused - needed.keys()
     for text in sorted({t for n in several for t in met[n]}):
         shuffled = system.shuffled and text != ORDER
         numbers = sorted(n for n in several if text in met[n])
-        for n in clean(without_faults(system, (text,), shuffled=shuffled), numbers):
+        for n in clean_flights(without_faults(system, (text,), shuffled=shuffled), numbers):
             needed.setdefault(n, []).append(text)
     return {
         n: FaultAttribution(texts, n in excused if texts else None, tuple(needed.get(n, ())))
@@ -88,16 +90,16 @@ def _first_ns(f: FlightOutcome) -> int:
     return round((f.seconds if f.first_s is None else f.first_s) * 1e9)
 
 
-def outside(system: System, seed: int, until_ns: int) -> list[str]:
-    """Faults outside of the assumptions that occurred up to a time, as they were written."""
+def faults_outside(system: System, seed: int, until_ns: int) -> list[str]:
+    """The faults outside of what proofs assume that occurred up to a time, as written."""
     fault_texts = {ORDER: None} if system.shuffled else {}
     for f in system.faults:
-        if f.inside is None and f.text not in fault_texts and _was_there(system, f, seed, until_ns):
+        if f.inside is None and f.text not in fault_texts and _occurred(system, f, seed, until_ns):
             fault_texts[f.text] = None
     return list(fault_texts)
 
 
-def _was_there(system: System, f: Fault, seed: int, until_ns: int) -> bool:
+def _occurred(system: System, f: Fault, seed: int, until_ns: int) -> bool:
     always = f.kind == "late" and f.slot_ns == 0
     return always or bool(begin_times(f, system.components[f.component], seed, until_ns))
 
@@ -111,8 +113,8 @@ DRAWS = 1 << 20
 def count_faults(system: System, seeds: Sequence[int], until_ns: int) -> dict[str, int | None]:
     """How often each fault occurred in the flights of these seeds, by its text.
 
-    Counted in slots of time (docs/semantics.md, Faults) that a release met; what hits a group at
-    once counts once. None: always, such as a lateness of every release.
+    Counted in slots of time (docs/semantics.md, Faults) that a release met; a fault that hits a
+    group at once counts once. None: always, such as a lateness of every release.
     """
     streams_by_fault: dict[str, dict[str, int] | None] = {ORDER: None} if system.shuffled else {}
     for f in system.faults:
@@ -124,13 +126,13 @@ def count_faults(system: System, seeds: Sequence[int], until_ns: int) -> dict[st
         streams = streams_by_fault.setdefault(f.text, {})
         if streams is not None:
             # outputs of one component share a stream, and so do all of a group
-            times = _times(f, system.components[f.component], seeds, until_ns)
+            times = _occurrences(f, system.components[f.component], seeds, until_ns)
             streams[f.stream] = max(times, streams.get(f.stream, 0))
     return {text: None if s is None else sum(s.values()) for text, s in streams_by_fault.items()}
 
 
-def _times(f: Fault, c: Component, seeds: Sequence[int], until_ns: int) -> int:
-    """In how many slots of all these flights a fault occurs, as `begins` says for one."""
+def _occurrences(f: Fault, c: Component, seeds: Sequence[int], until_ns: int) -> int:
+    """In how many slots of all these flights a fault occurs, by the rule of `begins`."""
     step = max(f.slot_ns, c.period_ns)
     slots = until_ns // step + 2
     rows, total = max(1, DRAWS // slots), 0
@@ -138,7 +140,7 @@ def _times(f: Fault, c: Component, seeds: Sequence[int], until_ns: int) -> int:
         some = seeds[k : k + rows]
         offsets = np.zeros(len(some), dtype=np.int64)
         if f.slot_ns:
-            begin = _bits(some, f"{f.stream}.at", np.zeros((len(some), 1), dtype=np.int64))
+            begin = _draw_bits(some, f"{f.stream}.at", np.zeros((len(some), 1), dtype=np.int64))
             offsets = (begin[:, 0] % np.uint64(f.slot_ns)).astype(np.int64)
         first = -offsets if f.slot_ns > c.period_ns else np.full(len(some), c.phase_ns)
         times = first[:, None] + np.arange(slots, dtype=np.int64) * step
@@ -153,14 +155,14 @@ def _times(f: Fault, c: Component, seeds: Sequence[int], until_ns: int) -> int:
 
 
 def _drawn(f: Fault, seeds: Sequence[int], slots: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
-    """Whether the fault is drawn in each of the slots (flights, slots)."""
-    share = (_bits(seeds, f.stream, slots) >> np.uint64(11)).astype(np.float64) * 2.0**-53
+    """Whether the fault is drawn in each slot, (flights, slots)."""
+    share = (_draw_bits(seeds, f.stream, slots) >> np.uint64(11)).astype(np.float64) * 2.0**-53
     mask: npt.NDArray[np.bool_] = share < f.probability
     return mask
 
 
-def _bits(seeds: Sequence[int], stream: str, index: npt.NDArray[np.int64]) -> Words:
-    """`draw_bits` of each index (flights, n), under the seed of its row."""
+def _draw_bits(seeds: Sequence[int], stream: str, index: npt.NDArray[np.int64]) -> Words:
+    """`draw_bits` of each index, (flights, n), under the seed of its row."""
     golden = np.uint64(GOLDEN)
     keys = _mix_arrays(
         _mix_arrays(np.array(seeds, dtype=np.uint64) + golden) ^ np.uint64(fnv1a_64(stream))
@@ -169,7 +171,7 @@ def _bits(seeds: Sequence[int], stream: str, index: npt.NDArray[np.int64]) -> Wo
 
 
 def _mix_arrays(z: Words) -> Words:
-    """`splitmix64` of each, any shape."""
+    """`splitmix64` of each number of an array, in its shape."""
     for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):
         z = (z ^ (z >> np.uint64(shift))) * np.uint64(factor)
     words: Words = z ^ (z >> np.uint64(31))
@@ -255,12 +257,12 @@ class Result:
 
     @property
     def outside(self) -> tuple[tuple[str, ...], ...]:
-        """The faults outside of the assumptions that each of the worst met before."""
+        """For each of the worst flights, the faults outside that it met before its violation."""
         return tuple(b.met for b in self.blames)
 
     @property
     def rate_hours(self) -> float:
-        """The hours that all rates are about."""
+        """The hours to which all rates refer."""
         return self.hours if self.hours_aloft is None else self.hours_aloft
 
 
@@ -319,16 +321,16 @@ class Campaign:
 def make_result(
     flights: Sequence[FlightOutcome], system: System, blames: Mapping[int, FaultAttribution]
 ) -> Result:
-    """The figures of these flights. Of none: zeros, and intervals that say nothing.
+    """The figures of these flights; without flights zeros, and intervals that say nothing.
 
-    `blames`: of each violated flight, by its number.
+    `blames`: the attribution of each violated flight, by its number.
     """
     hours = sum(f.seconds for f in flights) / 3600.0
     counts_by_violation = Counter(violation for f in flights for violation in f.broken)
     bad = [f for f in flights if f.violations]
     of_bad = [blames[f.number] for f in bad]
     kinds = [f.trajectory for f in flights]
-    aloft = _aloft(flights, system)
+    aloft = _hours_aloft(flights, system)
     exposed = [f.seconds / 3600.0 for f in flights] if aloft is None else aloft
     measures = _measure_figures(flights, system)
     counts = [f.violations for f in flights]
@@ -347,7 +349,7 @@ def make_result(
         flights_violated=len(bad),
         per_flight=per_flight,
         ac_share=sum(f.all_ac_s for f in flights) / max(3600.0 * hours, 1e-9),
-        modules=tuple(_modules(flights, system, exposed, kinds)),
+        modules=tuple(_module_statistics(flights, system, exposed, kinds)),
         broken=tuple(counts_by_violation.most_common()),
         worst=tuple(bad[:10]),
         blames=tuple(of_bad[:10]),
@@ -361,21 +363,21 @@ def make_result(
 
 
 def _km(measures: Sequence[MetricResult], hours: float) -> float | None:
-    """The kilometres of all these flights; None without the measure `speed`, or a number of it."""
+    """The kilometres of all flights; None without a measure `speed`, or a number of it."""
     speed = next((m.mean for m in measures if m.name == SPEED), None)
     return None if speed is None or isnan(speed) else speed * 3.6 * hours
 
 
-def _modules(
+def _module_statistics(
     flights: Sequence[FlightOutcome], system: System, hours: Sequence[float], kinds: Sequence[str]
 ) -> Iterator[ModuleStatistics]:
-    """The statistics of each module; `hours` and `kinds` (flights,) as in `rate_interval`."""
+    """Yields each module's statistics; `hours` and `kinds`, (flights,), as in `rate_interval`."""
     seconds = max(sum(f.seconds for f in flights), 1e-9)
     most = max((int(f.seconds * 1e9) // EPISODE_NS + 1 for f in flights), default=0)
     for k, m in enumerate(system.modules):
         episodes = [f.episodes[k] for f in flights]
         interval = rate_interval(episodes, hours, most=most, kinds=kinds)
-        saves, precautions = _saved(flights, k)
+        saves, precautions = _saves_of_module(flights, k)
         yield ModuleStatistics(
             name=m.name,
             ac_share=sum(f.ac_s[k] for f in flights) / seconds,
@@ -389,8 +391,8 @@ def _modules(
         )
 
 
-def _aloft(flights: Sequence[FlightOutcome], system: System) -> list[float] | None:
-    """Hours aloft of each flight, 0 where the measure had no number; None without the measure."""
+def _hours_aloft(flights: Sequence[FlightOutcome], system: System) -> list[float] | None:
+    """The hours aloft of each flight, 0 without a number; None without the measure `aloft`."""
     k = next((k for k, m in enumerate(system.measures) if m.name == ALOFT), None)
     if k is None:
         return None
@@ -400,7 +402,7 @@ def _aloft(flights: Sequence[FlightOutcome], system: System) -> list[float] | No
 
 
 def _onsets_most(flights: Sequence[FlightOutcome], system: System) -> int:
-    """How many violations one flight can have at most: each begins in an instant after one without.
+    """The most violations that one flight can have: each begins in an instant after one without.
 
     A release makes two instants at most: its own, and that in which what it held is published.
     """
@@ -417,7 +419,7 @@ def _excused_rows(blames: Sequence[FaultAttribution]) -> tuple[tuple[str, int, i
     return tuple((text, needed[text], n) for text, n in met.most_common())
 
 
-def _saved(flights: Sequence[FlightOutcome], k: int) -> tuple[int | None, int | None]:
+def _saves_of_module(flights: Sequence[FlightOutcome], k: int) -> tuple[int | None, int | None]:
     if not flights or not flights[0].saves:
         return None, None
     return sum(f.saves[k] for f in flights), sum(f.precautions[k] for f in flights)

@@ -21,7 +21,7 @@ CONFIDENCE = 0.95
 POISSON, FLIGHTS = "poisson", "flights"
 """What an interval rests on: counts that scatter as Poisson's do, or independent flights alone."""
 STAKES = tuple(2.0**-k for k in range(16))
-"""Shares of the capital that bets put at stake (`_mean`)."""
+"""Shares of the capital that bets put at stake (`_betting_interval`)."""
 STEPS = 200
 TERMS = 1_000_000
 
@@ -35,7 +35,7 @@ class RateInterval:
     basis: str
 
 
-def rate(count: int, amount: float, confidence: float = CONFIDENCE) -> tuple[float, float]:
+def garwood(count: int, amount: float, confidence: float = CONFIDENCE) -> tuple[float, float]:
     """The interval of a Poisson rate per unit of `amount`, from `count` events; (0, inf) for 0.
 
     With no events it is one-sided: all of the probability of error lies above.
@@ -51,8 +51,8 @@ def rate(count: int, amount: float, confidence: float = CONFIDENCE) -> tuple[flo
     )
 
 
-def share(count: int, of: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
-    """The interval of a probability, from `count` of `of`; one-sided where that is none or all."""
+def clopper_pearson(count: int, of: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
+    """The interval of a probability, from `count` of `of`; one-sided for none or all."""
     if of <= 0:
         return 0.0, 1.0
     missed = 1.0 - confidence
@@ -77,31 +77,31 @@ def rate_interval(
 ) -> RateInterval:
     """The interval of the rate per hour, from counts (n,) in flights of so many hours (n,).
 
-    Garwood's where the dispersion test of Fisher passes or nothing happened, else by flight: with
-    at most `most` in one. `kinds` (n,): flights of the same kind are copies, and the interval is
-    that of one flight a kind as well, whichever reaches farther.
+    Garwood's if Fisher's dispersion test passes or nothing happened, else by flight: with at most
+    `most` in one. `kinds` (n,): flights of one kind are copies, and the interval also holds that of
+    one flight a kind.
     """
-    interval = _interval(counts, hours, most)
+    interval = _garwood_or_betting(counts, hours, most)
     if kinds is None or len(set(kinds)) == len(kinds):
         return interval
     first = {kind: k for k, kind in reversed(list(enumerate(kinds)))}.values()
-    lone = _interval([counts[k] for k in first], [hours[k] for k in first], most)
+    lone = _garwood_or_betting([counts[k] for k in first], [hours[k] for k in first], most)
     basis = POISSON if interval.basis == lone.basis == POISSON else FLIGHTS
     return RateInterval(min(interval.low, lone.low), max(interval.high, lone.high), basis)
 
 
 def share_interval(bad: Sequence[bool], kinds: Sequence[Hashable]) -> tuple[float, float]:
     """The interval of the share of `bad` flights; copies as in `rate_interval`."""
-    low, high = share(sum(bad), len(bad))
+    low, high = clopper_pearson(sum(bad), len(bad))
     bad_by_kind = dict(zip(kinds, bad, strict=True))
     if len(bad_by_kind) == len(bad):
         return low, high
-    other = share(sum(bad_by_kind.values()), len(bad_by_kind))
+    other = clopper_pearson(sum(bad_by_kind.values()), len(bad_by_kind))
     return min(low, other[0]), max(high, other[1])
 
 
 def scatters_as_poisson(counts: Sequence[int], hours: Sequence[float]) -> bool:
-    """Whether the dispersion test (Fisher 1950, two-sided, 5 %) passes; never of one flight."""
+    """Whether Fisher's dispersion test (1950, two-sided, 5 %) passes; never for one flight."""
     total, amount = sum(counts), fsum(hours)
     if len(counts) < 2 or total == 0 or amount <= 0.0:
         return False
@@ -116,7 +116,8 @@ def scatters_as_poisson(counts: Sequence[int], hours: Sequence[float]) -> bool:
     return missed / 2 <= below <= 1.0 - missed / 2
 
 
-def _interval(counts: Sequence[int], hours: Sequence[float], most: int) -> RateInterval:
+def _garwood_or_betting(counts: Sequence[int], hours: Sequence[float], most: int) -> RateInterval:
+    """The interval of `rate_interval` for flights that are no copies of each other."""
     amount = fsum(hours)
     if amount <= 0.0:
         return RateInterval(0.0, inf, FLIGHTS)
@@ -124,17 +125,17 @@ def _interval(counts: Sequence[int], hours: Sequence[float], most: int) -> RateI
     # of no events the bound holds of violated flights, too, whatever a flight's own distribution:
     # -log(missed) / n is no less than Clopper's and Pearson's 1 - missed ** (1 / n)
     if total == 0 or scatters_as_poisson(counts, hours):
-        return RateInterval(*rate(total, amount), POISSON)
-    low, high = _mean(counts, most)
+        return RateInterval(*garwood(total, amount), POISSON)
+    low, high = _betting_interval(counts, most)
     return RateInterval(low * len(counts) / amount, high * len(counts) / amount, FLIGHTS)
 
 
-def _mean(counts: Sequence[int], most: int) -> tuple[float, float]:
+def _betting_interval(counts: Sequence[int], most: int) -> tuple[float, float]:
     """The interval of the mean of independent counts in [0, most], whatever their distribution.
 
     By betting (Waudby-Smith and Ramdas 2024): were the mean m, capital that is staked on each
-    flight, the share c of it that may be lost, would grow 40 times with a chance of 1 in 40 at
-    most (Ville). A mean is excluded where the capital, spread evenly over STAKES, did.
+    flight, the share c of it that may be lost, would grow 40 times with a chance of 1 in 40 at most
+    (Ville). A mean is excluded if the capital, spread evenly over STAKES, did.
     """
     of = max(most, *counts, 1)
     table = [(value / of, n) for value, n in Counter(counts).items()]
@@ -142,8 +143,8 @@ def _mean(counts: Sequence[int], most: int) -> tuple[float, float]:
     goal = log(2.0 * len(STAKES) / (1.0 - CONFIDENCE))
 
     def capital(factor: Callable[[float], float]) -> float:
-        """Log of what became of 1; `factor`: what a flight of x gains for each unit at stake."""
-        logs = [fsum(n * _log(1.0 + c * factor(x)) for x, n in table) for c in STAKES]
+        """The log of what a capital of 1 became; `factor`: what a flight x gains per unit."""
+        logs = [fsum(n * _log_or_inf(1.0 + c * factor(x)) for x, n in table) for c in STAKES]
         top = max(logs)
         return top + log(fsum(exp(v - top) for v in logs)) if top > -inf else -inf
 
@@ -152,12 +153,12 @@ def _mean(counts: Sequence[int], most: int) -> tuple[float, float]:
     return low * of, high * of
 
 
-def _log(x: float) -> float:
+def _log_or_inf(x: float) -> float:
     return log(x) if x > 0.0 else -inf
 
 
 def _last_included_mean(end: float, mean: float, excluded: Callable[[float], bool]) -> float:
-    """The last mean, from `mean` towards `end`, that is not excluded, but for rounding outwards."""
+    """The last mean from `mean` towards `end` that is not excluded, rounded outwards."""
     inner, outer = mean, end
     for _ in range(STEPS):
         middle = 0.5 * (inner + outer)
@@ -241,7 +242,7 @@ def _beta_quantile(a: float, b: float, p: float) -> float:
 def _solve_rising(
     f: Callable[[float], float], slope: Callable[[float], float], guess: float, high: float
 ) -> float:
-    """The zero of a rising function in (0, high): Newton's steps, bisection where they leave."""
+    """The zero of a rising function in (0, high): by Newton's steps, or else by bisection."""
     low, x = 0.0, guess
     for _ in range(STEPS):
         value = f(x)

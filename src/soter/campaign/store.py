@@ -126,7 +126,7 @@ class CampaignIdentity:
 
 
 class CampaignStore:
-    """One campaign's folder. SoterError D006 where it cannot be written or is another one's."""
+    """The folder of one campaign. SoterError D006 if it is not writable, or another campaign's."""
 
     def __init__(self, folder: Path, about: CampaignIdentity) -> None:
         self.folder, self.about = folder, about
@@ -135,7 +135,7 @@ class CampaignStore:
         try:
             folder.mkdir(parents=True, exist_ok=True)
             require_no_links(folder)
-            self._open()
+            self._open_folder()
         except SoterError:
             self.close()
             raise
@@ -143,24 +143,24 @@ class CampaignStore:
             self.close()
             raise _trouble(folder, reason(error)) from error
 
-    def _open(self) -> None:
+    def _open_folder(self) -> None:
         about_file = self.folder / ABOUT
         about = json.dumps(asdict(self.about), indent=2, sort_keys=True)
         if about_file.exists():
-            self._compare(_read_lines(about_file), json.loads(about))
+            self._require_same(_read_json(about_file), json.loads(about))
             self._lock_folder()
             self.flights = self._whole_flights()
             self._require_known()
         elif any(p for p in self.folder.iterdir() if not p.name.startswith("arm-")):
             raise _trouble(self.folder, "the folder holds something else", "give another with -o")
         else:
-            _write_at_once(about_file, about + "\n")
+            _write_file(about_file, about + "\n")
             self._lock_folder()
         if not self.flights:
-            _write_at_once(self.folder / FLIGHTS, ",".join(self._head()) + "\n")
+            _write_file(self.folder / FLIGHTS, ",".join(self._column_names()) + "\n")
 
-    def _compare(self, stored: object, expected: dict[str, object]) -> None:
-        """D006 where another campaign stands there, with what is different."""
+    def _require_same(self, stored: object, expected: dict[str, object]) -> None:
+        """Raises D006 with the differences if the folder holds another campaign."""
         if stored == expected:
             return
         before = stored if isinstance(stored, dict) else {}
@@ -173,7 +173,7 @@ class CampaignStore:
         )
 
     def _require_known(self) -> None:
-        """D006 where flights stand there that another call might not fly again."""
+        """Raises D006 if the folder has flights that another call might fly otherwise."""
         if self.flights and self.about.unknown:
             raise _trouble(
                 self.folder,
@@ -183,7 +183,7 @@ class CampaignStore:
             )
 
     def _lock_folder(self) -> None:
-        """D006 where somebody else flies into this folder now; gone with the process."""
+        """Locks the folder until the process ends; D006 if another process has locked it."""
         try:
             from fcntl import LOCK_EX, LOCK_NB, flock  # noqa: PLC0415 - not everywhere
         except ImportError:
@@ -202,34 +202,34 @@ class CampaignStore:
             ) from None
 
     def close(self) -> None:
-        """Others may fly into the folder again."""
+        """Unlocks the folder, so that others may fly into it."""
         if self._lock is not None:
             with suppress(OSError):
                 self._lock.close()
             self._lock = None
 
-    def _head(self) -> list[str]:
-        by_module = [f"{m}.{p}" for m in self.about.modules for p in self._parts()]
+    def _column_names(self) -> list[str]:
+        by_module = [f"{m}.{p}" for m in self.about.modules for p in self._module_columns()]
         looks = [f"{m}.{p}" for m in self.about.measures for p in LOOKED]
         fixed = ["number", "seed", "seconds", "violations", "first_s", "all_ac_s"]
         return [*fixed, *by_module, *looks, "broken", "digest", "trajectory", "line"]
 
-    def _parts(self) -> tuple[str, ...]:
+    def _module_columns(self) -> tuple[str, ...]:
         return (*COUNTED, *(SAVED if self.about.horizon_ns else ()))
 
     def _whole_flights(self) -> list[FlightOutcome]:
-        """The flights that stand there whole, from number 0 on; what is behind them is cut off."""
+        """The stored flights, from number 0 on, up to a damaged line; cuts off what follows."""
         path = self.folder / FLIGHTS
         if not path.exists():
             return []
         raw = read_bytes(path, FLIGHTS_MAX)
         lines = raw.decode("utf-8", "replace").split("\n")[:-1]
         flights: list[FlightOutcome] = []
-        if lines and lines[0] != ",".join(self._head()):
+        if lines and lines[0] != ",".join(self._column_names()):
             raise _trouble(self.folder, f"`{FLIGHTS}` has other columns", "give another folder")
         with suppress(csv.Error):  # a line that is damaged: as one that is not whole
             for row in csv.DictReader(lines):
-                flight = self._flight(row) if _is_whole(row) else None
+                flight = self._read_flight(row) if _is_whole(row) else None
                 if flight is None or flight.number != len(flights):
                     break
                 flights.append(flight)
@@ -239,7 +239,7 @@ class CampaignStore:
                 file.truncate(size)
         return flights
 
-    def _flight(self, row: dict[str, str]) -> FlightOutcome | None:
+    def _read_flight(self, row: dict[str, str]) -> FlightOutcome | None:
         names = self.about.modules
         try:
             return FlightOutcome(
@@ -254,11 +254,11 @@ class CampaignStore:
                 violations=int(row["violations"]),
                 first_s=float(row["first_s"]) if row["first_s"] else None,
                 broken=tuple(json.loads(row["broken"])) if row["broken"] else (),
-                digest=_digest(row["digest"]),
-                trajectory=_digest(row["trajectory"]),
+                digest=_checked_digest(row["digest"]),
+                trajectory=_checked_digest(row["trajectory"]),
                 saves=self._saved_numbers(row, "saves"),
                 precautions=self._saved_numbers(row, "precautions"),
-                looks=tuple(_look(row, m) for m in self.about.measures),
+                looks=tuple(_read_look(row, m) for m in self.about.measures),
             )
         except (KeyError, ValueError, TypeError):
             return None
@@ -269,11 +269,11 @@ class CampaignStore:
         return tuple(int(row[f"{m}.{column}"]) for m in self.about.modules)
 
     def add(self, flights: Sequence[FlightOutcome]) -> None:
-        """Keep flights, which follow those that are there. SoterError D006 where it cannot."""
+        """Stores flights that follow the stored ones; SoterError D006 if it cannot."""
         try:
             with (self.folder / FLIGHTS).open("a", encoding="utf-8", newline="") as file:
                 writer = csv.writer(file, lineterminator="\n")
-                writer.writerows(_row(f) for f in flights)
+                writer.writerows(_flight_cells(f) for f in flights)
                 file.flush()
                 os.fsync(file.fileno())
         except OSError as error:
@@ -283,9 +283,9 @@ class CampaignStore:
 
 
 def measured_lateness(folder: Path, program_sha256: str | None, system: str) -> tuple[int, ...]:
-    """The lateness (ns) that the arm `paper` was flown with; SoterError D006 where none was."""
+    """The lateness (ns) with which the arm `paper` was flown; SoterError D006 if it was not."""
     file = folder / "arm-paper" / ABOUT
-    about = _read_lines(file) if file.is_file() else None
+    about = _read_json(file) if file.is_file() else None
     if not isinstance(about, dict):
         helps = ("fly it with `soter campaign --arms paper`, or say where it is: `--campaign DIR`",)
         raise _trouble(folder, "no arm `paper` was flown there", *helps)
@@ -299,19 +299,19 @@ def measured_lateness(folder: Path, program_sha256: str | None, system: str) -> 
     return tuple(times)
 
 
-def _look(row: dict[str, str], name: str) -> MetricSample:
+def _read_look(row: dict[str, str], name: str) -> MetricSample:
     total, least, most = (float(row[f"{name}.{part}"]) for part in ("sum", "least", "most"))
     bins = tuple(int(x) for x in row[f"{name}.histogram"].split())
     return MetricSample(int(row[f"{name}.count"]), total, least, most, bins)
 
 
-def _digest(text: str) -> str:
+def _checked_digest(text: str) -> str:
     if len(text) != 64 or not set(text) <= set("0123456789abcdef"):
         raise ValueError(text)
     return text
 
 
-def _row(f: FlightOutcome) -> list[object]:
+def _flight_cells(f: FlightOutcome) -> list[object]:
     counted = (f.ac_s, f.disengagements, f.episodes, f.gate_faults)
     by_module = zip(*counted, *((f.saves, f.precautions) if f.saves else ()), strict=True)
     first = "" if f.first_s is None else repr(f.first_s)
@@ -325,7 +325,7 @@ def _row(f: FlightOutcome) -> list[object]:
 
 
 def _line_checksum(cells: Iterable[str]) -> str:
-    """A checksum of a line's cells, which shows whether it was changed."""
+    """A checksum of a line's cells, which shows whether the line was changed."""
     return f"{crc32(chr(10).join(cells).encode()):08x}"
 
 
@@ -336,21 +336,21 @@ def _is_whole(row: dict[str, str]) -> bool:
 
 
 def campaign_digest(flights: Iterable[FlightOutcome]) -> str:
-    """SHA-256 of a campaign: over the digests of its flights, in the order of their numbers."""
+    """The SHA-256 of a campaign: over the digests of its flights, in the order of their numbers."""
     digest = hashlib.sha256()
     for f in flights:
         digest.update(f"{f.number} {f.seed} {f.digest}\n".encode("ascii"))
     return digest.hexdigest()
 
 
-def _read_lines(path: Path) -> object:
+def _read_json(path: Path) -> object:
     try:
         return json.loads(read_bytes(path))
     except (ValueError, RecursionError):
         return None
 
 
-def _write_at_once(path: Path, text: str) -> None:
+def _write_file(path: Path, text: str) -> None:
     beside = path.with_suffix(".part")
     beside.write_text(text, encoding="utf-8")
     beside.replace(path)
@@ -364,7 +364,7 @@ NAME = "flights.parquet"
 
 
 def require_parquet() -> None:
-    """SoterError D007 where the package that writes Parquet is not installed."""
+    """Raises SoterError D007 if the package that writes Parquet is not installed."""
     if find_spec("pyarrow") is None:
         message = "Parquet is written with the package `pyarrow`, which is not installed"
         helps = (f"install it: {pip_install('cluster')}; `flights.csv` says the same",)
@@ -372,7 +372,7 @@ def require_parquet() -> None:
 
 
 def write_parquet(folder: Path) -> Path:
-    """Write the flights of a campaign's folder as Parquet; SoterError D006, D007."""
+    """Writes the flights of a campaign's folder as Parquet; SoterError D006, D007."""
     require_parquet()
     from pyarrow import csv, parquet  # noqa: PLC0415 - an extra
 

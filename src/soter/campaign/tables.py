@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 
 
 def quoted_names(names: Sequence[str]) -> str:
-    """`a`, `b`, `c`."""
+    """The names in backquotes, with commas between them."""
     return ", ".join(f"`{n}`" for n in names)
 
 
-def interval(low: float, high: float) -> str:
+def interval_text(low: float, high: float) -> str:
     """The interval of a rate or a share, in words."""
     if high == inf:
         return "any number"
@@ -35,32 +35,32 @@ def interval(low: float, high: float) -> str:
     return f"{low:.3g} to {high:.3g}"
 
 
-def an_hour(r: Result) -> str:
-    """The unit of the rates: per hour, or per hour aloft."""
+def rate_unit(r: Result) -> str:
+    """The unit of the rates: an hour, or an hour aloft."""
     return "an hour" if r.hours_aloft is None else "an hour aloft"
 
 
 def verdict(r: Result) -> str:
-    """How many violations there were, or that nothing was judged."""
+    """Says how many violations there were, or that nothing was judged."""
     if not r.properties and not r.violations:
         return "nothing was judged: the system has no property"
     return f"{r.violations:,} violations"
 
 
-def bound(r: Result) -> str:
-    """The bound on the rate of violations, with 95 % confidence; "" where nothing was judged."""
+def bound_text(r: Result) -> str:
+    """The bound on the rate of violations, with 95 % confidence; "" if nothing was judged."""
     if not r.properties:
         return ""
-    hourly = f"{interval(*r.per_hour)} {an_hour(r)}"
+    hourly = f"{interval_text(*r.per_hour)} {rate_unit(r)}"
     if r.per_hour_basis == FLIGHTS:
         low, high = r.per_flight
-        share = interval(100.0 * low, 100.0 * high)
+        share = interval_text(100.0 * low, 100.0 * high)
         return f"{share} % of the flights are violated, {hourly} by flight"
     return hourly
 
 
 def faults_explain(r: Result) -> str:
-    """How many violated flights faults outside explain, in a system with faults."""
+    """Says how many violated flights the faults outside explain, in a system with faults."""
     out = r.flights_violated - r.violated_inside
     return (
         f"{r.flights_violated:,} flights violated: {out:,} of them are clean when they are flown "
@@ -91,23 +91,23 @@ def worst_flights_table(campaign: Campaign) -> Table:
     return head, rows
 
 
-def modules(campaign: Campaign) -> Table:
+def modules_table(campaign: Campaign) -> Table:
     """The table of modules: who was in control."""
     saves = campaign.horizon_s > 0
-    hourly = f"episodes {an_hour(campaign.result)}, 95 %"
+    hourly = f"episodes {rate_unit(campaign.result)}, 95 %"
     head = ("module", "AC share", "takeovers", "episodes", hourly, "gate faults")
     more = ("saves", "precautions") if saves else ()
-    return (*head, *more), tuple(_module(m, saves=saves) for m in campaign.result.modules)
+    return (*head, *more), tuple(_module_row(m, saves=saves) for m in campaign.result.modules)
 
 
-def _module(m: ModuleStatistics, *, saves: bool) -> Row:
+def _module_row(m: ModuleStatistics, *, saves: bool) -> Row:
     row = (m.name, f"{m.ac_share:.2%}", f"{m.disengagements:,}", f"{m.episodes:,}")
     more = (f"{m.saves:,}", f"{m.precautions:,}") if saves else ()
-    often = interval(*m.per_hour) + (" by flight" if m.basis == FLIGHTS else "")
+    often = interval_text(*m.per_hour) + (" by flight" if m.basis == FLIGHTS else "")
     return (*row, often, f"{m.gate_faults:,}", *more)
 
 
-def measures(campaign: Campaign) -> Table:
+def measures_table(campaign: Campaign) -> Table:
     """The table of measures."""
     rows = tuple(
         (m.name, f"{m.mean:.4g}", f"{m.least:.4g}", f"{m.most:.4g}")
@@ -116,7 +116,7 @@ def measures(campaign: Campaign) -> Table:
     return ("measure", "mean", "least", "most"), rows
 
 
-def arms(campaign: Campaign) -> Table:
+def arms_table(campaign: Campaign) -> Table:
     """The table of arms: the same seeds by other rules."""
     rows = tuple(
         (
@@ -131,8 +131,8 @@ def arms(campaign: Campaign) -> Table:
     return ("arm", "flights violated", "violations", "all in AC", "what is different"), rows
 
 
-def faults(campaign: Campaign) -> Table:
-    """The table of declared faults, and how many violated flights each excuses."""
+def faults_table(campaign: Campaign) -> Table:
+    """The table of declared faults, and of how many violated flights each excuses."""
     excused = {text: f"{n:,} of {met:,} that met it" for text, n, met in campaign.result.excused}
     rows = tuple(
         (_times(campaign.occurred[t]), t, f"inside: {w}" if w else "outside", excused.get(t, ""))

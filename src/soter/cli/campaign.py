@@ -134,7 +134,7 @@ def _say_campaign(campaign: Campaign, console: Console) -> None:
     r = campaign.result
     _say_flown(campaign, console)
     colour = "bad" if r.violations else "good" if r.properties else ""
-    painted, limits = console.paint(colour, tables.verdict(r)), tables.bound(r)
+    painted, limits = console.paint(colour, tables.verdict(r)), tables.bound_text(r)
     console.say("\n" + painted + (f"; with 95 % confidence {limits}" if limits else ""))
     if r.violations and campaign.faults:
         console.say(tables.faults_explain(r))
@@ -143,10 +143,10 @@ def _say_campaign(campaign: Campaign, console: Console) -> None:
     for f in r.worst:
         console.say(f"  flight {f.number}, seed {f.seed}: first at {f.first_s:.3f} s")
     for heads, rows in (
-        tables.modules(campaign),
-        tables.measures(campaign),
-        tables.arms(campaign),
-        tables.faults(campaign),
+        tables.modules_table(campaign),
+        tables.measures_table(campaign),
+        tables.arms_table(campaign),
+        tables.faults_table(campaign),
     ):
         if rows:
             console.say("\n" + console.table(heads, rows))

@@ -29,7 +29,7 @@ from soter.cli.terminal.command_outcome import (
 )
 from soter.cli.terminal.console import ChildResult, Console
 from soter.cli.terminal.shared_options import format_of
-from soter.diagnostics.command_records import unused
+from soter.diagnostics.command_records import unused_options
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.similar_names import closest
 from soter.diagnostics.system_texts import reason, utf8_text
@@ -172,7 +172,7 @@ def _complete_outcome(name: str, rest: list[str], console: Console) -> CommandOu
     """Runs a command; adds its program's diagnostics, and what it is about, to the outcome."""
     parser = command_parser(name)
     args = parser.read_line(rest)
-    if problems := unused(parser.record, vars(args), args.written, flags=True):
+    if problems := unused_options(parser.record, vars(args), args.written, flags=True):
         return CommandOutcome(USAGE, problems, parser.subject_fields(args))
     try:
         outcome = command_module(name).run(args, console)

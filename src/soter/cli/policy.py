@@ -150,9 +150,9 @@ def _layers_text(policy: Policy) -> str:
 
 def _bound_text(policy: Policy, box: tuple[Doubles, Doubles] | None, bound: float | None) -> str:
     from soter.policy.network import Tanh  # noqa: PLC0415 - as above
-    from soter.policy.soter_source import not_written  # noqa: PLC0415 - as above
+    from soter.policy.soter_source import unwritable_part  # noqa: PLC0415 - as above
 
-    if unwritten := not_written(policy.network):
+    if unwritten := unwritable_part(policy.network):
         return f"no bound: it has {unwritten}, not written as a function"
     if box is None or bound is None:
         return "no bound: the file does not say how large observations are (--within)"

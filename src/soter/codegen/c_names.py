@@ -100,10 +100,10 @@ AT_FILE_LEVEL = HEADERS.union(
 """What the C library and POSIX declare, and parameters that would hide it."""
 
 
-def no_linked_name(name: str, *, node: bool) -> str:
+def why_not_linkable(name: str, *, node: bool) -> str:
     """Why generated code cannot call a user's C function of this name; "" if it can.
 
-    `node`: the function has the signature of an extern node, which none of `math.h` has.
+    `node`: the function has the signature of an extern node, which no function of `math.h` has.
     """
     if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) is None:
         return "no function of C can be called so"
@@ -117,7 +117,7 @@ def no_linked_name(name: str, *, node: bool) -> str:
     return ""
 
 
-def legal(text: str) -> str:
+def legal_name(text: str) -> str:
     """A C identifier made from any text."""
     name = re.sub(r"[^A-Za-z0-9_]", "_", text.replace("]", ""))  # `r[0].x` is r_0_x
     if not name or name[0].isdigit():
@@ -126,36 +126,36 @@ def legal(text: str) -> str:
 
 
 def has_meaning(name: str) -> bool:
-    """Whether C or one of its headers gives this name a meaning."""
+    """Whether C or one of its headers already gives this name a meaning."""
     return name in WORDS or name in TYPES or _MACRO.fullmatch(name) is not None
 
 
 def program_prefix(stem: str) -> str:
-    """The prefix of all names in a program's C, made from the name of its source file.
+    """The prefix of all C names of a program, made from the name of its source file.
 
-    It is no header's name in C and does not begin with `soter`, which is the run-time's.
+    It is not the name of a C header, and does not begin with `soter`, which is the run-time's.
     """
-    prefix = legal(stem)
+    prefix = legal_name(stem)
     if prefix in HEADERS or prefix.lower().startswith("soter"):
         return "my_" + prefix
     return prefix
 
 
 def file_level_name(text: str) -> str:
-    """A name for file level without the program's prefix, such as that of a struct.
+    """A name for file level without the program's prefix, such as the name of a struct.
 
-    It means nothing in C or C++ of any standard, in their libraries or in POSIX.
+    It has no meaning in C or C++ of any standard, in their libraries or in POSIX.
     """
-    name = legal(text)
+    name = legal_name(text)
     taken = has_meaning(name) or name in AT_FILE_LEVEL or name.endswith("_t")
     if taken or name.startswith("_") or "__" in name or name.lower().startswith("soter"):
         return "my_" + re.sub("__+", "_", name.strip("_"))
     return name
 
 
-def local(text: str, prefix: str) -> str:
-    """The C name of a temporary in the program `prefix`: different names stay different."""
-    name = legal(text)
+def local_name(text: str, prefix: str) -> str:
+    """The C name of a temporary; different names of Core have different C names."""
+    name = legal_name(text)
     taken = ("v_", "soter_", "out_", "has_", "drawn_", "given_", "_", prefix + "_")
     if has_meaning(name) or name in OWN or name.startswith(taken):
         return "v_" + name
@@ -163,12 +163,12 @@ def local(text: str, prefix: str) -> str:
 
 
 def field_name(text: str) -> str:
-    """A struct member in C: different names stay different; `pad_` is the padding's.
+    """The C name of a struct member; different names stay different, and none is `pad_`.
 
-    A hidden local has a space in its name, which becomes `_`; a program's own name that looks so
-    then gets one more.
+    The name of a hidden local has a space, which becomes `_`; a program's own name of that form
+    then gets one more `_`.
     """
-    name = legal(text)
+    name = legal_name(text)
     if _RESERVED.fullmatch(name):
         return "m_" + name
     stem = name.rstrip("_")
@@ -185,7 +185,7 @@ class Unique:
         self._taken = set(taken)
 
     def __call__(self, text: str) -> str:
-        """A legal name nobody has yet."""
+        """A legal name, made from `text`, that was not handed out before."""
         base = field_name(text)
         name, n = base, 2
         while name in self._taken:
@@ -203,21 +203,21 @@ class FileNames:
         self._taken = {f"{prefix}_{name}" for name in taken}
 
     def __call__(self, text: str) -> str:
-        """A name nobody has yet; a text that begins with the prefix keeps it."""
-        return self.family(text, ())
+        """A name made from `text` that nobody has yet; it begins with the prefix, once."""
+        return self.new_family(text, ())
 
-    def family(self, text: str, endings: tuple[str, ...]) -> str:
-        """A new name that is also free with each of `endings` behind it."""
-        base = legal(text)
+    def new_family(self, text: str, endings: tuple[str, ...]) -> str:
+        """A new name that is also free with each of these endings behind it."""
+        base = legal_name(text)
         if not base.startswith(self.prefix + "_"):
             base = f"{self.prefix}_{base}"
         name, n = base, 2
-        while self._used(name, endings):
+        while self._is_used(name, endings):
             name = f"{base}_{n}"
             n += 1
         self._taken.update(name + ending for ending in ("", *endings))
         return name
 
-    def _used(self, name: str, endings: tuple[str, ...]) -> bool:
+    def _is_used(self, name: str, endings: tuple[str, ...]) -> bool:
         names = {name + ending for ending in ("", *endings)}
         return bool(names & self._taken) or any(has_meaning(n) for n in names)

@@ -25,26 +25,8 @@ QUIET_ROWS = (
     "#endif",
 )
 """Silences a warning: the rows of a table have no zero at their end, on purpose."""
-PRECEDENCE = {
-    "||": 1,
-    "&&": 2,
-    "|": 3,
-    "^": 4,
-    "&": 5,
-    "==": 6,
-    "!=": 6,
-    "<": 7,
-    "<=": 7,
-    ">": 7,
-    ">=": 7,
-    "<<": 8,
-    ">>": 8,
-    "+": 9,
-    "-": 9,
-    "*": 10,
-    "/": 10,
-    "%": 10,
-}
+LEVELS = ("||", "&&", "|", "^", "&", "== !=", "< <= > >=", "<< >>", "+ -", "* / %")
+PRECEDENCE = {op: level for level, ops in enumerate(LEVELS, 1) for op in ops.split()}
 LINKAGE = ("#ifdef __cplusplus", 'extern "C" {', "#endif")
 END_OF_LINKAGE = ("#ifdef __cplusplus", "}", "#endif", "")
 TERNARY, UNARY, POSTFIX, ATOM = 0, 11, 12, 13
@@ -53,7 +35,7 @@ BITS = {"|", "^", "&", "<<", ">>"}
 
 
 def precedence(e: c.CExpr) -> int:
-    """How tightly the outermost operator binds."""
+    """How tightly the outermost operator of an expression binds."""
     if isinstance(e, c.Binary):
         return PRECEDENCE[e.op]
     if isinstance(e, c.Ternary):
@@ -67,53 +49,54 @@ def precedence(e: c.CExpr) -> int:
     return ATOM
 
 
-def expr(e: c.CExpr) -> str:
-    """One expression on one line."""
+def expr_text(e: c.CExpr) -> str:
+    """The text of an expression, on one line."""
     if isinstance(e, (c.Name, c.Number)):
         return e.text
     if isinstance(e, c.String):
-        return '"' + escape(e.value) + '"'
+        return '"' + string_text(e.value) + '"'
     if isinstance(e, c.Unary):
-        inner = wrap(e.operand, UNARY)
+        inner = operand_text(e.operand, UNARY)
         return f"{e.op}({inner})" if e.op == "-" and inner.startswith("-") else e.op + inner
     if isinstance(e, c.Binary):
-        return _binary(e)
+        return _binary_text(e)
     if isinstance(e, c.Ternary):
-        condition = wrap(e.condition, TERNARY + 1)
-        return f"{condition} ? {wrap(e.then, TERNARY + 1)} : {wrap(e.otherwise, TERNARY + 1)}"
+        condition = operand_text(e.condition, TERNARY + 1)
+        then = operand_text(e.then, TERNARY + 1)
+        return f"{condition} ? {then} : {operand_text(e.otherwise, TERNARY + 1)}"
     if isinstance(e, (c.Member, c.Arrow, c.IndexExpr, c.CallExpr)):
-        return _postfix(e)
+        return _postfix_text(e)
     if isinstance(e, c.Cast):
-        return f"({e.type}){wrap(e.operand, UNARY)}"
+        return f"({e.type}){operand_text(e.operand, UNARY)}"
     assert isinstance(e, c.Initializer)
-    items = ", ".join(f".{n} = {expr(v)}" if n else expr(v) for n, v in e.items)
+    items = ", ".join(f".{n} = {expr_text(v)}" if n else expr_text(v) for n, v in e.items)
     prefix = f"({e.type})" if e.type else ""
     return f"{prefix}{{{items or '0'}}}"
 
 
-def _postfix(e: c.Member | c.Arrow | c.IndexExpr | c.CallExpr) -> str:
+def _postfix_text(e: c.Member | c.Arrow | c.IndexExpr | c.CallExpr) -> str:
     if isinstance(e, c.CallExpr):
-        return f"{e.function}({', '.join(expr(a) for a in e.arguments)})"
+        return f"{e.function}({', '.join(expr_text(a) for a in e.arguments)})"
     if isinstance(e, c.IndexExpr):
-        return f"{wrap(e.target, POSTFIX)}[{expr(e.index)}]"
+        return f"{operand_text(e.target, POSTFIX)}[{expr_text(e.index)}]"
     if isinstance(e, c.Member):
         if isinstance(e.target, c.Unary) and e.target.op == "*":
-            return f"{wrap(e.target.operand, POSTFIX)}->{e.name}"
-        return f"{wrap(e.target, POSTFIX)}.{e.name}"
-    return f"{wrap(e.target, POSTFIX)}->{e.name}"
+            return f"{operand_text(e.target.operand, POSTFIX)}->{e.name}"
+        return f"{operand_text(e.target, POSTFIX)}.{e.name}"
+    return f"{operand_text(e.target, POSTFIX)}->{e.name}"
 
 
-def wrap(e: c.CExpr, minimum: int) -> str:
-    """An operand, in parentheses when it binds too loosely."""
-    text = expr(e)
+def operand_text(e: c.CExpr, minimum: int) -> str:
+    """The text of an operand, in parentheses if it binds more loosely than `minimum`."""
+    text = expr_text(e)
     return f"({text})" if precedence(e) < minimum else text
 
 
-def _binary(e: c.Binary) -> str:
+def _binary_text(e: c.Binary) -> str:
     level = PRECEDENCE[e.op]
 
-    def side(x: c.CExpr, minimum: int) -> str:
-        text = expr(x)
+    def side_text(x: c.CExpr, minimum: int) -> str:
+        text = expr_text(x)
         loose = precedence(x) < minimum
         if isinstance(x, c.Binary):
             mixed_logic = {e.op, x.op} == {"&&", "||"}
@@ -124,11 +107,11 @@ def _binary(e: c.Binary) -> str:
             loose = loose or e.op in COMPARISONS
         return f"({text})" if loose else text
 
-    return f"{side(e.left, level)} {e.op} {side(e.right, level + 1)}"
+    return f"{side_text(e.left, level)} {e.op} {side_text(e.right, level + 1)}"
 
 
-def escape(text: str) -> str:
-    """The inside of a C string literal."""
+def string_text(text: str) -> str:
+    """The inside of the C string literal for `text`."""
     out = []
     for ch in text:
         if ch in '"\\':
@@ -141,66 +124,69 @@ def escape(text: str) -> str:
 
 
 def comment_text(text: str) -> str:
-    """Text made safe inside a block comment."""
+    """The text, changed so that it cannot end a C comment."""
     return text.replace("*/", "* /").replace("\n", " ")
 
 
 # ---------------------------------------------------------------- statements
 
 
-def statements(body: tuple[c.CStmt, ...], depth: int) -> Iterator[str]:
-    """Yields the lines inside a block at a depth of indentation."""
+def statement_lines(body: tuple[c.CStmt, ...], depth: int) -> Iterator[str]:
+    """Yields the lines of statements, indented by `depth` levels."""
     pad = "  " * depth
     for s in body:
         if isinstance(s, c.Declare):
             qualifier = "const " if s.const else ""
-            value = f" = {expr(s.value)}" if s.value is not None else ""
-            yield from broken(f"{pad}{qualifier}{declarator(s.type, s.name)}{value};", depth)
+            value = f" = {expr_text(s.value)}" if s.value is not None else ""
+            yield from wrapped_lines(
+                f"{pad}{qualifier}{declaration_text(s.type, s.name)}{value};", depth
+            )
         elif isinstance(s, c.Assign):
-            yield from broken(f"{pad}{expr(s.target)} = {expr(s.value)};", depth)
+            yield from wrapped_lines(f"{pad}{expr_text(s.target)} = {expr_text(s.value)};", depth)
         elif isinstance(s, c.Do):
-            yield from broken(f"{pad}{expr(s.expression)};", depth)
+            yield from wrapped_lines(f"{pad}{expr_text(s.expression)};", depth)
         elif isinstance(s, c.Unused):
             yield f"{pad}(void){s.name};"
         elif isinstance(s, c.IfStmt):
-            yield from _if(s, depth, pad)
+            yield from _if_lines(s, depth, pad)
         elif isinstance(s, c.For):
-            low, high = expr(s.low), expr(s.high)
+            low, high = expr_text(s.low), expr_text(s.high)
             yield f"{pad}for (int64_t {s.name} = {low}; {s.name} < {high}; {s.name}++) {{"
-            yield from statements(s.body, depth + 1)
+            yield from statement_lines(s.body, depth + 1)
             yield f"{pad}}}"
         elif isinstance(s, c.Return):
-            yield from broken(
-                f"{pad}return {expr(s.value)};" if s.value is not None else f"{pad}return;", depth
+            yield from wrapped_lines(
+                f"{pad}return {expr_text(s.value)};" if s.value is not None else f"{pad}return;",
+                depth,
             )
         else:
             assert isinstance(s, c.Comment)
             yield f"{pad}/* {comment_text(s.text)} */"
 
 
-def _if(s: c.IfStmt, depth: int, pad: str, lead: str = "") -> Iterator[str]:
-    yield from broken(f"{pad}{lead}if ({expr(s.condition)}) {{", depth)
-    yield from statements(s.then, depth + 1)
+def _if_lines(s: c.IfStmt, depth: int, pad: str, lead: str = "") -> Iterator[str]:
+    yield from wrapped_lines(f"{pad}{lead}if ({expr_text(s.condition)}) {{", depth)
+    yield from statement_lines(s.then, depth + 1)
     if len(s.otherwise) == 1 and isinstance(s.otherwise[0], c.IfStmt):
-        yield from _if(s.otherwise[0], depth, pad, "} else ")
+        yield from _if_lines(s.otherwise[0], depth, pad, "} else ")
         return
     if s.otherwise:
         yield f"{pad}}} else {{"
-        yield from statements(s.otherwise, depth + 1)
+        yield from statement_lines(s.otherwise, depth + 1)
     yield f"{pad}}}"
 
 
-def declarator(type_: str, name: str) -> str:
-    """`double x`, `const char *p`: a space unless the type ends in a star."""
+def declaration_text(type_: str, name: str) -> str:
+    """A type and a name, as `double x` or `const char *p`: no space after a star."""
     return type_ + name if type_.endswith(("*", " ")) else f"{type_} {name}"
 
 
-def broken(line: str, depth: int) -> Iterator[str]:
-    """Yields a long line broken at spaces outside strings; the line may be megabytes long."""
+def wrapped_lines(line: str, depth: int) -> Iterator[str]:
+    """Yields a line that may be megabytes long, wrapped at spaces outside of strings."""
     pad = "  " * depth + "    "
     begin, at = "", 0
     while len(begin) + len(line) - at > WIDTH:
-        cut = _break_in(begin, line, at)
+        cut = _break_place(begin, line, at)
         if cut < 0:
             break
         yield (begin + line[at:cut]).rstrip()
@@ -210,20 +196,20 @@ def broken(line: str, depth: int) -> Iterator[str]:
     yield begin + line[at:]
 
 
-def _break_in(begin: str, line: str, at: int) -> int:
-    """The place in `line` to break the text `begin` + `line[at:]`; -1 if there is none."""
+def _break_place(begin: str, line: str, at: int) -> int:
+    """The place in `line` to wrap the text `begin` + `line[at:]`; -1 if there is none."""
     size = 2 * WIDTH
     while True:
-        cut, sure = _break_at(begin + line[at : at + size])
+        cut, sure = _last_space(begin + line[at : at + size])
         if sure or at + size >= len(line):
             return -1 if cut < 0 else at + cut - len(begin)
         size *= 2
 
 
-def _break_at(line: str) -> tuple[int, bool]:
-    """Finds the last space before WIDTH, past the indent and outside strings; -1 for none.
+def _last_space(line: str) -> tuple[int, bool]:
+    """The last space before WIDTH, behind the indent and outside of strings; -1 for none.
 
-    The second value says that this holds whatever follows `line`.
+    The second value says whether that holds whatever follows `line`.
     """
     start = len(line) - len(line.lstrip()) + 8
     inside, best = False, -1
@@ -241,7 +227,7 @@ def _break_at(line: str) -> tuple[int, bool]:
 
 
 def print_file(file: c.CFile) -> str:
-    """The whole text of a file."""
+    """The whole text of a C file."""
     lines: list[str] = []
     guard = ""
     previous: c.CTop | None = None
@@ -252,7 +238,7 @@ def print_file(file: c.CFile) -> str:
             lines += [f"#ifndef {guard}", f"#define {guard}", ""]
             previous = None
             continue
-        block = list(top(item))
+        block = list(item_lines(item))
         if previous is not None and (len(block) > 1 or type(item) is not type(previous)):
             lines.append("")
         lines += block
@@ -264,8 +250,8 @@ def print_file(file: c.CFile) -> str:
     return "\n".join(lines) + "\n"
 
 
-def top(item: c.CTop) -> Iterator[str]:
-    """Lines of one top-level item."""
+def item_lines(item: c.CTop) -> Iterator[str]:
+    """Yields the lines of one item at file level."""
     if isinstance(item, c.FileComment):
         yield "/* " + comment_text(item.lines[0])
         yield from (" * " + comment_text(x) if x else " *" for x in item.lines[1:])
@@ -277,52 +263,52 @@ def top(item: c.CTop) -> Iterator[str]:
     elif isinstance(item, c.Define):
         yield f"#define {item.name} {item.value}"
     elif isinstance(item, c.StructDef):
-        yield from _struct(item)
+        yield from _struct_lines(item)
     elif isinstance(item, c.Alias):
         comment = f" /* {comment_text(item.comment)} */" if item.comment else ""
-        yield f"typedef {declarator(item.type, item.name)};{comment}"
+        yield f"typedef {declaration_text(item.type, item.name)};{comment}"
     elif isinstance(item, c.FunctionDef):
-        yield from _function(item)
+        yield from _function_lines(item)
     elif isinstance(item, c.TableDef):
-        yield from _table(item)
+        yield from _table_lines(item)
     else:
         assert isinstance(item, c.VariableDef)
-        yield from _variable(item)
+        yield from _variable_lines(item)
 
 
-def _struct(item: c.StructDef) -> Iterator[str]:
+def _struct_lines(item: c.StructDef) -> Iterator[str]:
     if item.comment:
         yield f"/* {comment_text(item.comment)} */"
     yield "typedef struct {"
-    yield from (member(m, 1) for m in item.members)
+    yield from (member_line(m, 1) for m in item.members)
     yield f"}} {item.name};"
 
 
-def member(m: c.StructMember, depth: int) -> str:
-    """One struct member."""
+def member_line(m: c.StructMember, depth: int) -> str:
+    """The line of one struct member."""
     length = f"[{m.length}]" if m.length is not None else ""
     comment = f" /* {comment_text(m.comment)} */" if m.comment else ""
-    return f"{'  ' * depth}{declarator(m.type, m.name)}{length};{comment}"
+    return f"{'  ' * depth}{declaration_text(m.type, m.name)}{length};{comment}"
 
 
-def _function(item: c.FunctionDef) -> Iterator[str]:
+def _function_lines(item: c.FunctionDef) -> Iterator[str]:
     if item.doc:
         yield f"/* {comment_text(item.doc)} */"
     prefix = "SOTER_INLINE " if item.inline else "static " if item.static else ""
-    parameters = ", ".join(declarator(t, n) for t, n in item.parameters) or "void"
-    head = f"{prefix}{declarator(item.result, item.name)}({parameters})"
+    parameters = ", ".join(declaration_text(t, n) for t, n in item.parameters) or "void"
+    head = f"{prefix}{declaration_text(item.result, item.name)}({parameters})"
     if item.body is None:
-        yield from broken(head + ";", 0)
+        yield from wrapped_lines(head + ";", 0)
         return
-    yield from broken(head + " {", 0)
+    yield from wrapped_lines(head + " {", 0)
     read = set(c.names_read(item.body))
     body = tuple(s for s in item.body if not (isinstance(s, c.Unused) and s.name in read))
-    yield from statements(body, 1)
+    yield from statement_lines(body, 1)
     yield "}"
 
 
-def _table(item: c.TableDef) -> Iterator[str]:
-    """Prints a table as short strings, which compilers read fast and standard C allows."""
+def _table_lines(item: c.TableDef) -> Iterator[str]:
+    """Yields a table as short strings, which compilers read fast and standard C allows."""
     rows = -(-len(item.image) // ROW_BYTES)
     image = memoryview(item.image.ljust(rows * ROW_BYTES, b"\0"))
     yield "/* its bytes, little-endian: numbers would take compilers minutes */"
@@ -333,7 +319,7 @@ def _table(item: c.TableDef) -> Iterator[str]:
     yield from QUIET_ROWS
     yield "static const union {"
     yield f"  char bytes[{rows}][{ROW_BYTES}];"
-    yield f"  {declarator(item.type, 'value')};"
+    yield f"  {declaration_text(item.type, 'value')};"
     yield f"}} {item.name} = {{{{"
     texts = _text_of_bytes()
     for at in range(0, len(image), ROW_BYTES):
@@ -343,25 +329,25 @@ def _table(item: c.TableDef) -> Iterator[str]:
 
 @lru_cache(maxsize=1)
 def _text_of_bytes() -> tuple[str, ...]:
-    """Each byte inside a string of C; `?` might begin a trigraph."""
+    """Each byte as text within a C string; `?`, which might begin a trigraph, as a number."""
     shown = [chr(b) if 32 <= b < 127 and chr(b) not in '"\\?' else f"\\{b:03o}" for b in range(256)]
     return tuple(shown)
 
 
-def _variable(item: c.VariableDef) -> Iterator[str]:
+def _variable_lines(item: c.VariableDef) -> Iterator[str]:
     if item.comment:
         yield f"/* {comment_text(item.comment)} */"
     array = "[]" if item.array else ""
     if item.value is None:
-        yield f"extern const {declarator(item.type, item.name)}{array};"
+        yield f"extern const {declaration_text(item.type, item.name)}{array};"
         return
     storage = "static " if item.static else ""
-    head = f"{storage}const {declarator(item.type, item.name)}{array} ="
+    head = f"{storage}const {declaration_text(item.type, item.name)}{array} ="
     if isinstance(item.value, c.Initializer) and item.value.items:
         yield head + " {"
         for name, value in item.value.items:
-            text = f"  .{name} = {expr(value)}," if name else f"  {expr(value)},"
-            yield from broken(text, 1)
+            text = f"  .{name} = {expr_text(value)}," if name else f"  {expr_text(value)},"
+            yield from wrapped_lines(text, 1)
         yield "};"
     else:
-        yield from broken(f"{head} {expr(item.value)};", 0)
+        yield from wrapped_lines(f"{head} {expr_text(item.value)};", 0)

@@ -1,7 +1,7 @@
 """A small syntax tree for C99, and bit masks in place of an `if` between two whole numbers.
 
 Purpose: the nodes that the back end builds and `c_printer.py` prints; nothing pastes text together.
-`branch_free` speeds up the C of campaigns: in a binary search the processor mispredicts every
+`without_branches` speeds up the C of campaigns: in a binary search the processor mispredicts every
 second branch. The numbers that are computed stay the same.
 Non-goals: C that generated programs do not need; masks in C that ships, which people read, or for
 an `if` that does more than assign one number a side.
@@ -120,6 +120,11 @@ class Initializer(CExpr):
 
     items: tuple[tuple[str | None, CExpr], ...]
     type: str | None = None
+
+
+def named_fields(**values: CExpr) -> Initializer:
+    """An initializer that gives these members of a struct their values, in this order."""
+    return Initializer(tuple(values.items()))
 
 
 # ---------------------------------------------------------------- statements
@@ -305,7 +310,7 @@ class TableDef(CTop):
 
 
 def address(e: CExpr) -> CExpr:
-    """The address of `e`: `p` for `*p`; for `c ? a : b` a choice of both addresses; else `&e`."""
+    """The C of the address of `e`: `p` for `*p`, a choice of two for `c ? a : b`, else `&e`."""
     if isinstance(e, Unary) and e.op == "*":
         return e.operand
     if isinstance(e, Ternary):
@@ -317,7 +322,7 @@ _NAME = re.compile(r"[A-Za-z_]\w*")
 
 
 def names_read(root: object) -> Iterator[str]:
-    """Names that a piece of C reads, in order; one that is only assigned to is not read."""
+    """Yields the names that a piece of C reads, in order, not those that it only assigns to."""
     stack = [root]
     while stack:
         node = stack.pop()
@@ -348,42 +353,42 @@ class CFile(Node):
 WHOLE = "int64_t"
 
 
-def branch_free(f: FunctionDef) -> FunctionDef:
-    """Returns the function with masks for each `if` whose sides assign one whole number each."""
+def without_branches(f: FunctionDef) -> FunctionDef:
+    """The function with bit masks for each `if` whose sides assign one int64_t each."""
     if f.body is None:
         return f
-    whole = {s.name for s in _all(f.body) if isinstance(s, Declare) and s.type == WHOLE}
+    whole = {s.name for s in _all_in(f.body) if isinstance(s, Declare) and s.type == WHOLE}
     return replace(f, body=tuple(_MaskRewriter(whole).block(f.body)))
 
 
-def _all(block: tuple[CStmt, ...]) -> Iterator[CStmt]:
+def _all_in(block: tuple[CStmt, ...]) -> Iterator[CStmt]:
     for s in block:
         yield s
         if isinstance(s, For):
-            yield from _all(s.body)
+            yield from _all_in(s.body)
         elif isinstance(s, IfStmt):
-            yield from _all((*s.then, *s.otherwise))
+            yield from _all_in((*s.then, *s.otherwise))
 
 
 class _MaskRewriter:
-    """Rewrites blocks, and numbers the masks of one function."""
+    """Puts masks in the place of `if` statements, and numbers the masks of one function."""
 
     def __init__(self, whole: set[str]) -> None:
         self._whole = whole
         self._count = 0
 
     def block(self, block: tuple[CStmt, ...]) -> Iterator[CStmt]:
-        """Yields the statements of a block with masks in the place of such an `if`."""
+        """Yields the statements of a block, with masks for each `if` that allows them."""
         for s in block:
             if isinstance(s, For):
                 yield replace(s, body=tuple(self.block(s.body)))
             elif isinstance(s, IfStmt):
-                yield from self._chosen(s)
+                yield from self._masked(s)
             else:
                 yield s
 
-    def _chosen(self, s: IfStmt) -> Iterator[CStmt]:
-        then, otherwise = self._choice(s.then), self._choice(s.otherwise)
+    def _masked(self, s: IfStmt) -> Iterator[CStmt]:
+        then, otherwise = self._sole_assignment(s.then), self._sole_assignment(s.otherwise)
         if then is None or otherwise is None:
             sides = (tuple(self.block(side)) for side in (s.then, s.otherwise))
             yield IfStmt(s.condition, *sides)
@@ -396,8 +401,8 @@ class _MaskRewriter:
             taken, left = Binary("&", side.value, chosen_here), Binary("&", side.target, elsewhere)
             yield Assign(side.target, Binary("|", taken, left))
 
-    def _choice(self, side: tuple[CStmt, ...]) -> Assign | None:
-        """The assignment of a side if it is its only statement, from one whole local to another."""
+    def _sole_assignment(self, side: tuple[CStmt, ...]) -> Assign | None:
+        """The only statement of a side, if it assigns one int64_t local to another; else None."""
         (made, *more) = side or (None,)
         if more or not isinstance(made, Assign):
             return None

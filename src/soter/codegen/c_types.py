@@ -40,7 +40,7 @@ LARGE = 64
 
 
 class TypeTable:
-    """Types, pooled constants and helper functions of one generated program."""
+    """The C types, pooled constants and helper functions of one generated program."""
 
     def __init__(self, unique: FileNames) -> None:
         self.prefix = unique.prefix
@@ -56,18 +56,18 @@ class TypeTable:
 
     # ------------------------------------------------------------ types
 
-    def work(self, t: Type) -> str:
-        """C type of a temporary."""
+    def work_type(self, t: Type) -> str:
+        """The C type of a temporary of type `t`."""
         if isinstance(t, FloatType):
             return "double"
         if isinstance(t, BoolType):
             return "bool"
         if isinstance(t, IntType):
             return "int64_t"
-        return self.stored(t)
+        return self.stored_type(t)
 
-    def stored(self, t: Type) -> str:
-        """C type in memory; structs are defined on first use."""
+    def stored_type(self, t: Type) -> str:
+        """The C type of a value in memory; the first use of a struct defines it."""
         s = scalar(t)
         if s is not None:
             return s.c_type
@@ -77,29 +77,29 @@ class TypeTable:
         if isinstance(t, RecordType):
             members = tuple((f"{n}", f) for n, f in t.fields)
             for _, f in members:
-                self.stored(f)
+                self.stored_type(f)
             name = self.unique(f"{self.prefix}_{t.name or 'record'}")
         elif isinstance(t, ArrayType):
-            name = self.unique(f"{self.prefix}_{self._short(t.element)}_{t.size}")
+            name = self.unique(f"{self.prefix}_{self._short_name(t.element)}_{t.size}")
         else:
             assert isinstance(t, ListType)
-            name = self.unique(f"{self.prefix}_{self._short(t.element)}_list_{t.capacity}")
+            name = self.unique(f"{self.prefix}_{self._short_name(t.element)}_list_{t.capacity}")
         self._names[t] = name
-        self.definitions.append(c.StructDef(name, self._members(t), str(t)))
+        self.definitions.append(c.StructDef(name, self._struct_members(t), str(t)))
         return name
 
-    def _short(self, t: Type) -> str:
-        stored = self.stored(t)
+    def _short_name(self, t: Type) -> str:
+        stored = self.stored_type(t)
         return stored.removeprefix(self.prefix + "_").removesuffix("_t")
 
-    def _members(self, t: Type) -> tuple[c.StructMember, ...]:
+    def _struct_members(self, t: Type) -> tuple[c.StructMember, ...]:
         if isinstance(t, ArrayType):
-            return (c.StructMember(self.stored(t.element), "at", t.size),)
+            return (c.StructMember(self.stored_type(t.element), "at", t.size),)
         layout = struct_of(t)
         members = [
-            c.StructMember(self.stored(t.element), "items", t.capacity)
+            c.StructMember(self.stored_type(t.element), "items", t.capacity)
             if isinstance(t, ListType) and m.name == "items"
-            else c.StructMember(self.stored(m.type), field_name(m.name))
+            else c.StructMember(self.stored_type(m.type), field_name(m.name))
             for m in layout.members
         ]
         if layout.padding:
@@ -113,7 +113,7 @@ class TypeTable:
     # ------------------------------------------------------------ values
 
     def constant(self, t: Type, value: Value, name: str | None = None) -> c.CExpr:
-        """A constant as an operand; aggregates are pooled as static objects."""
+        """The C of a constant; one that is no scalar becomes a static object, once."""
         if scalar(t) is not None:
             return scalar_constant(t, value)
         key = (t, repr(value))
@@ -125,10 +125,12 @@ class TypeTable:
                 assert isinstance(t, (ArrayType, ListType))
                 image = image_of_table(t, value)
                 bytewise = scalar(t.element) is not None and size_of(t.element) == 1
-                self.constants.append(c.TableDef(self.stored(t), known, image, bytewise=bytewise))
+                self.constants.append(
+                    c.TableDef(self.stored_type(t), known, image, bytewise=bytewise)
+                )
             else:
                 initial = self.initializer(t, value)
-                self.constants.append(c.VariableDef(self.stored(t), known, initial))
+                self.constants.append(c.VariableDef(self.stored_type(t), known, initial))
         return c.Member(c.Name(known), "value") if isinstance(value, Table) else c.Name(known)
 
     def named_constant(self, t: Type, value: Value, name: str | None) -> c.CExpr:
@@ -145,19 +147,19 @@ class TypeTable:
         return c.Name(known)
 
     def initializer(self, t: Type, value: Value) -> c.CExpr:
-        """A constant inside an initializer list."""
+        """The C of a constant inside an initializer."""
         if scalar(t) is not None:
             return scalar_constant(t, value)
-        return aggregate(t, value, self.initializer)
+        return aggregate_initializer(t, value, self.initializer)
 
-    def default(self, t: Type) -> c.CExpr:
-        """The default of a type as an initial value."""
+    def default_constant(self, t: Type) -> c.CExpr:
+        """The C of a type's default value."""
         if scalar(t) is not None:
             return scalar_constant(t, default_value(t))
         return self.constant(t, default_value(t), "default")
 
     def to_store(self, t: Type, e: c.CExpr) -> c.CExpr:
-        """A temporary's value on its way into memory."""
+        """The value of a temporary, cast to the type that it has in memory."""
         s = scalar(t)
         if s is None or s.c_type in {"double", "int64_t"} or isinstance(e, c.Number):
             return e
@@ -169,19 +171,19 @@ class TypeTable:
 
     # ------------------------------------------------------------ canonical form
 
-    def commit(self, target: c.CExpr, t: Type, e: c.CExpr) -> list[c.CStmt]:
-        """Assign a value to a place in the state: NaN in one form, ints packed."""
+    def commit_value(self, target: c.CExpr, t: Type, e: c.CExpr) -> list[c.CStmt]:
+        """Assigns a value to a place in the state, every NaN of it in the one form."""
         if scalar(t) is not None:
             return [c.Assign(target, self._canonical_scalar(t, e))]
-        return [c.Assign(target, e), *self._made_canonical(t, target)]
+        return [c.Assign(target, e), *self._make_canonical(t, target)]
 
     def _canonical_scalar(self, t: Type, e: c.CExpr) -> c.CExpr:
         if isinstance(t, FloatType):
             return c.CallExpr("soter_canonical", (e,))
         return self.to_store(t, e)
 
-    def _made_canonical(self, t: Type, e: c.CExpr) -> list[c.CStmt]:
-        """Statements that give every NaN of a stored value its one form."""
+    def _make_canonical(self, t: Type, e: c.CExpr) -> list[c.CStmt]:
+        """Statements that give every NaN of a stored value the one form."""
         if isinstance(t, FloatType):
             return [c.Assign(e, self._canonical_scalar(t, e))]
         if not any(isinstance(leaf, FloatType) for _, leaf in leaves(t)):
@@ -192,19 +194,19 @@ class TypeTable:
         known = self._canonical.get(t)
         if known is not None:
             return known
-        stored = self.stored(t)
+        stored = self.stored_type(t)
         name = self.unique(f"{stored}_canonical")
         self._canonical[t] = name
         v = c.Unary("*", c.Name("v"))
         body: list[c.CStmt] = []
         if isinstance(t, RecordType):
             for n, f in t.fields:
-                body += self._made_canonical(f, c.Member(v, field_name(n)))
+                body += self._make_canonical(f, c.Member(v, field_name(n)))
         else:
             assert isinstance(t, (ArrayType, ListType))
             array = c.Member(v, "at" if isinstance(t, ArrayType) else "items")
             size = t.size if isinstance(t, ArrayType) else t.capacity
-            inner = self._made_canonical(t.element, c.IndexExpr(array, c.Name("k")))
+            inner = self._make_canonical(t.element, c.IndexExpr(array, c.Name("k")))
             body.append(c.For("k", c.Number("0"), c.Number(str(size)), tuple(inner)))
         self.helpers.append(
             c.FunctionDef(
@@ -215,8 +217,8 @@ class TypeTable:
 
     # ------------------------------------------------------------ publication checks
 
-    def check(self, t: Type, bounds: tuple[Bound | None, ...], e: c.CExpr) -> list[c.CStmt]:
-        """Statements that raise `nonfinite` or `range` when a value may not be published."""
+    def check_value(self, t: Type, bounds: tuple[Bound | None, ...], e: c.CExpr) -> list[c.CStmt]:
+        """Statements that raise `nonfinite` or `range` if a value may not be published."""
         if isinstance(t, FloatType):
             bound = bounds[0]
             if bound is None:
@@ -257,19 +259,19 @@ class TypeTable:
             for n, f in t.fields:
                 count = sum(1 for _ in leaves(f))
                 part = c.Arrow(v, field_name(n))
-                body += self.check(f, bounds[at : at + count], part)
+                body += self.check_value(f, bounds[at : at + count], part)
                 at += count
         elif isinstance(t, ArrayType):
-            body += self._check_array(t, bounds, v)
+            body += self._check_elements(t, bounds, v)
         else:
             assert isinstance(t, ListType)
             length, most = c.Arrow(v, "len"), c.Number(str(t.capacity))
             element = c.IndexExpr(c.Arrow(v, "items"), c.Name("k"))
-            inner = self.check(t.element, bounds, element)
+            inner = self.check_value(t.element, bounds, element)
             fits = c.CallExpr("soter_check_int", (length, c.Number("0"), most, FAULT))
             used_length = c.CallExpr("soter_min_int", (length, most))
             body += [c.Do(fits), c.For("k", c.Number("0"), used_length, tuple(inner))]
-        stored = self.stored(t)
+        stored = self.stored_type(t)
         name = self.unique(f"{stored}_check")
         self._checks[key] = name
         self.helpers.append(
@@ -283,7 +285,7 @@ class TypeTable:
         )
         return name
 
-    def _check_array(
+    def _check_elements(
         self, t: ArrayType, bounds: tuple[Bound | None, ...], v: c.CExpr
     ) -> list[c.CStmt]:
         count = sum(1 for _ in leaves(t.element))
@@ -291,14 +293,14 @@ class TypeTable:
         array = c.Arrow(v, "at")
         if all(g == groups[0] for g in groups):
             element = c.IndexExpr(array, c.Name("k"))
-            inner = self.check(t.element, groups[0], element)
+            inner = self.check_value(t.element, groups[0], element)
             return [c.For("k", c.Number("0"), c.Number(str(t.size)), tuple(inner))]
         elements = [c.IndexExpr(array, c.Number(str(i))) for i in range(t.size)]
         pairs = zip(groups, elements, strict=True)
-        return [made for g, element in pairs for made in self.check(t.element, g, element)]
+        return [made for g, element in pairs for made in self.check_value(t.element, g, element)]
 
 
-def aggregate(
+def aggregate_initializer(
     t: Type,
     elements: Sequence[Value],
     part: Callable[[Type, Any], c.CExpr],
@@ -320,7 +322,7 @@ def aggregate(
 
 
 def scalar_constant(t: Type, value: Value) -> c.CExpr:
-    """A scalar constant in C."""
+    """The C of a scalar constant."""
     if isinstance(t, FloatType):
         return float_number(value)
     if isinstance(t, BoolType):
@@ -329,7 +331,7 @@ def scalar_constant(t: Type, value: Value) -> c.CExpr:
 
 
 def int_number(value: int) -> c.CExpr:
-    """An integer that is right as int64_t."""
+    """The C literal of an integer, right as an int64_t."""
     if value == -(2**63):
         return c.Name("INT64_MIN")
     if -(2**31) < value < 2**31:
@@ -339,7 +341,7 @@ def int_number(value: int) -> c.CExpr:
 
 
 def float_number(value: float) -> c.CExpr:
-    """A double that reads back to the same bits."""
+    """The C of a double, which reads back to the same bits."""
     if value != value:  # noqa: PLR0124 - NaN
         return c.Cast("double", c.Name("NAN"))
     if math.isinf(value):

@@ -2,8 +2,8 @@
 
 Purpose: a *decision* is a whole truth value that the C computes: what an `if`, `? :` or guard asks,
 or what a comparison, `!`, `&&` or `||` gives; its *conditions* are what `&&`, `||` and `!` join.
-`conditions_of` finds them with their lines. Inside `watched` every unit is generated with counters
-of its own; `shown` reads what its runs did. Modified condition/decision coverage (MC/DC) as clang
+`conditions_of` finds them with their lines. Inside `watching` every unit is generated with counters
+of its own; `unshown` reads what its runs did. Modified condition/decision coverage (MC/DC) as clang
 counts it: two evaluations whose outcomes differ, and of the conditions that both evaluated this one
 alone differs.
 Non-goals: the C of the run-time and of users (`bench/c_code/c_coverage.py`); bounds of loops, which
@@ -21,7 +21,7 @@ from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
 from soter.codegen import c_tree as c
-from soter.codegen.c_printer import COMPARISONS, expr, print_file, top
+from soter.codegen.c_printer import COMPARISONS, expr_text, item_lines, print_file
 from soter.language.syntax.node import parts
 
 if TYPE_CHECKING:
@@ -81,8 +81,8 @@ def functions_of(file: c.CFile) -> dict[str, c.FunctionDef]:
     return {f.name: f for f in file.items if isinstance(f, c.FunctionDef) and f.body is not None}
 
 
-def reached(functions: dict[str, c.FunctionDef], roots: Sequence[str]) -> set[str]:
-    """The functions that these call, over others, too, and themselves."""
+def callees(functions: dict[str, c.FunctionDef], roots: Sequence[str]) -> set[str]:
+    """The functions that these functions call, directly or through others, and themselves."""
     found: set[str] = set()
     left = [name for name in roots if name in functions]
     while left:
@@ -90,44 +90,44 @@ def reached(functions: dict[str, c.FunctionDef], roots: Sequence[str]) -> set[st
             found.add(name)
             named = {
                 n.function if isinstance(n, c.CallExpr) else n.text
-                for n in _below(functions[name].body)
+                for n in _nodes_below(functions[name].body)
                 if isinstance(n, (c.CallExpr, c.Name))
             }
             left += sorted(named & functions.keys())
     return found
 
 
-def _below(root: object) -> Iterator[object]:
+def _nodes_below(root: object) -> Iterator[object]:
     yield root
     below = root if isinstance(root, tuple) else ()
     if isinstance(root, (c.CExpr, c.CStmt)):
         below = parts(root)
     for part in below:
-        yield from _below(part)
+        yield from _nodes_below(part)
 
 
 def conditions_of(file: c.CFile, text: str) -> list[Condition]:
-    """The conditions of a file in the order of their lines; `text`: as it is printed."""
+    """The conditions of a file in the order of their lines; `text`: the printed file."""
     found: list[Condition] = []
     for f in functions_of(file).values():
-        begin = at = text.index("\n".join(top(f)))
+        begin = at = text.index("\n".join(item_lines(f)))
         counted: dict[str, int] = {}
-        for _, decision in _decisions(f):
-            shown = expr(decision)
+        for _, decision in _decisions_in(f):
+            shown = expr_text(decision)
             place = re.compile(r"\s+".join(map(re.escape, shown.split()))).search(text, at)
             at = place.start() if place else begin
             line = text.count("\n", 0, at) + 1
             at += 1
             number = counted[shown] = counted.get(shown, -1) + 1
-            for k, condition in enumerate(_atoms(decision)):
+            for k, condition in enumerate(_joined_conditions(decision)):
                 key = (f.name, f"{number} {shown}", k)
-                found.append(Condition(f.name, f.doc, line, shown, expr(condition), key))
+                found.append(Condition(f.name, f.doc, line, shown, expr_text(condition), key))
     return sorted(found, key=lambda x: x.line)
 
 
-def _decisions(f: c.FunctionDef) -> list[Decision]:
+def _decisions_in(f: c.FunctionDef) -> list[Decision]:
     made: list[Decision] = []
-    _Counting(f.name, made).rewritten(f.body)
+    _Counting(f.name, made).with_counters(f.body)
     return made
 
 
@@ -135,53 +135,57 @@ def _is_logic(e: object) -> bool:
     return (isinstance(e, c.Binary) and e.op in LOGIC) or (isinstance(e, c.Unary) and e.op == "!")
 
 
-def _atoms(e: c.CExpr) -> Iterator[c.CExpr]:
+def _joined_conditions(e: c.CExpr) -> Iterator[c.CExpr]:
     if isinstance(e, c.Binary) and e.op in LOGIC:
-        yield from _atoms(e.left)
-        yield from _atoms(e.right)
+        yield from _joined_conditions(e.left)
+        yield from _joined_conditions(e.right)
     elif isinstance(e, c.Unary) and e.op == "!":
-        yield from _atoms(e.operand)
+        yield from _joined_conditions(e.operand)
     else:
         yield e
 
 
 class _Counting:
-    """Rewrites the body of a function so that each decision and condition is counted."""
+    """Adds to a function the C that counts its decisions and conditions."""
 
     def __init__(self, function: str, made: list[Decision]) -> None:
         self.function, self.made, self.first = function, made, len(made)
 
     def body(self, f: c.FunctionDef) -> c.FunctionDef:
-        """The function with its counters, which are its own: it may run in several threads."""
-        body = self.rewritten(f.body)
+        """The function with local counters, as it may run in several threads."""
+        body = self.with_counters(f.body)
         numbers = range(self.first, len(self.made))
-        counters = tuple(c.Declare("uint64_t", _seen(k), c.Number("0U")) for k in numbers)
+        counters = tuple(c.Declare("uint64_t", _counter_name(k), c.Number("0U")) for k in numbers)
         return replace(f, body=(*counters, *body))
 
-    def rewritten(self, node: Any) -> Any:  # noqa: ANN401 - any piece of C
-        """The same with counters."""
+    def with_counters(self, node: Any) -> Any:  # noqa: ANN401 - any piece of C
+        """The same piece of C, with calls that count its decisions."""
         if isinstance(node, tuple):
-            return tuple(map(self.rewritten, node))
+            return tuple(map(self.with_counters, node))
         if isinstance(node, c.IfStmt):
-            asked = self.decision(node.condition)
-            return c.IfStmt(asked, self.rewritten(node.then), self.rewritten(node.otherwise))
+            asked = self.count_decision(node.condition)
+            return c.IfStmt(
+                asked, self.with_counters(node.then), self.with_counters(node.otherwise)
+            )
         if isinstance(node, c.Ternary):
-            asked = self.decision(node.condition)
-            return c.Ternary(asked, self.rewritten(node.then), self.rewritten(node.otherwise))
+            asked = self.count_decision(node.condition)
+            return c.Ternary(
+                asked, self.with_counters(node.then), self.with_counters(node.otherwise)
+            )
         if _is_logic(node) or (isinstance(node, c.Binary) and node.op in COMPARISONS):
-            return self.decision(node)
+            return self.count_decision(node)
         if isinstance(node, (c.CExpr, c.CStmt)) and not isinstance(node, c.Name):
-            return type(node)(*map(self.rewritten, parts(node)))
+            return type(node)(*map(self.with_counters, parts(node)))
         return node
 
-    def decision(self, e: c.CExpr) -> c.CExpr:
-        """A decision that is counted."""
+    def count_decision(self, e: c.CExpr) -> c.CExpr:
+        """The decision, with calls that count it and its conditions."""
         number = len(self.made)
         self.made.append((self.function, e))
-        atoms = list(_atoms(e))
+        atoms = list(_joined_conditions(e))
         if len(atoms) > CONDITIONS_MAX:
             return e
-        seen, at = c.Unary("&", c.Name(_seen(number))), iter(range(len(atoms)))
+        seen, at = c.Unary("&", c.Name(_counter_name(number))), iter(range(len(atoms)))
 
         def counted(x: c.CExpr) -> c.CExpr:
             if isinstance(x, c.Binary) and x.op in LOGIC:
@@ -189,19 +193,19 @@ class _Counting:
             if isinstance(x, c.Unary) and x.op == "!":
                 return c.Unary("!", counted(x.operand))
             number_of_condition = c.Number(f"{next(at)}U")
-            return c.CallExpr("soter_condition", (seen, number_of_condition, self._inside(x)))
+            return c.CallExpr("soter_condition", (seen, number_of_condition, self._count_inside(x)))
 
         return c.CallExpr("soter_outcome", (seen, c.Number(f"{number}U"), counted(e)))
 
-    def _inside(self, x: c.CExpr) -> c.CExpr:
-        """A condition in which decisions of its own may stand, as in an argument."""
+    def _count_inside(self, x: c.CExpr) -> c.CExpr:
+        """The condition, with calls that count decisions inside it, as in an argument."""
         if isinstance(x, c.Binary):
-            return c.Binary(x.op, self.rewritten(x.left), self.rewritten(x.right))
-        made: c.CExpr = self.rewritten(x)
+            return c.Binary(x.op, self.with_counters(x.left), self.with_counters(x.right))
+        made: c.CExpr = self.with_counters(x)
         return made
 
 
-def _seen(number: int) -> str:
+def _counter_name(number: int) -> str:
     return f"soter_seen_{number}"
 
 
@@ -209,18 +213,18 @@ def _seen(number: int) -> str:
 
 
 @contextmanager
-def watched() -> Iterator[Callable[[], dict[tuple[str, str], set[Vector]]]]:
-    """What is generated inside is counted; the function tells what its runs showed until then."""
+def watching() -> Iterator[Callable[[], dict[tuple[str, str], set[Vector]]]]:
+    """Counts conditions of C generated in this block; the function tells what its runs showed."""
     libraries: list[tuple[tuple[Decision, ...], Path]] = []
     token = _WATCHED.set(libraries)
     try:
-        yield lambda: _shown(libraries)
+        yield lambda: _shown_evaluations(libraries)
     finally:
         _WATCHED.reset(token)
 
 
-def printed(file: c.CFile, include: str) -> tuple[str, tuple[Decision, ...]]:
-    """The text, with counters behind the line `include` where somebody watches; what is counted."""
+def print_with_counters(file: c.CFile, include: str) -> tuple[str, tuple[Decision, ...]]:
+    """The printed file, and the decisions that it counts: with counters only inside `watching`."""
     if _WATCHED.get() is None:
         return print_file(file), ()
     made: list[Decision] = []
@@ -233,32 +237,32 @@ def printed(file: c.CFile, include: str) -> tuple[str, tuple[Decision, ...]]:
 
 
 def note_library(decisions: tuple[Decision, ...], path: Path) -> None:
-    """Says where the library is in which these are counted; what others showed of it is forgotten.
+    """Notes which library counts these decisions, and clears its counters.
 
     A process that loads a library twice has one copy of its counters.
     """
     libraries = _WATCHED.get()
     if libraries is None or not decisions or any(path == known for _, known in libraries):
         return
-    ctypes.memset(_vectors(decisions, path), 0, ctypes.sizeof(_Vectors) * len(decisions))
+    ctypes.memset(_counters(decisions, path), 0, ctypes.sizeof(_Vectors) * len(decisions))
     libraries.append((decisions, path))
 
 
-def _vectors(decisions: tuple[Decision, ...], path: Path) -> ctypes.Array[Any]:
-    """The counters of a library, a row a decision."""
+def _counters(decisions: tuple[Decision, ...], path: Path) -> ctypes.Array[Any]:
+    """The counters of a library, a row for each decision."""
     return (_Vectors * len(decisions)).in_dll(ctypes.CDLL(str(path)), "traced_vectors")
 
 
-def _shown(
+def _shown_evaluations(
     libraries: Sequence[tuple[tuple[Decision, ...], Path]],
 ) -> dict[tuple[str, str], set[Vector]]:
-    """Function and numbered text of a decision -> its evaluations, of all these libraries."""
+    """The evaluations of each decision in all these libraries, by function and numbered text."""
     found: dict[tuple[str, str], set[Vector]] = {}
     for decisions, path in libraries:
-        rows = _vectors(decisions, path)
+        rows = _counters(decisions, path)
         counts: dict[tuple[str, str], int] = {}
         for (function, decision), row in zip(decisions, rows, strict=True):
-            text = expr(decision)
+            text = expr_text(decision)
             number = counts[function, text] = counts.get((function, text), -1) + 1
             low = (1 << CONDITIONS_MAX) - 1
             vectors = {(v & low, v >> 31 & low, bool(v >> 62 & 1)) for v in row if v}
@@ -266,8 +270,8 @@ def _shown(
     return found
 
 
-def lacking(vectors: set[Vector], condition: int) -> str:
-    """What is not shown of a condition of a decision; "": that it decides by itself (MC/DC)."""
+def unshown(vectors: set[Vector], condition: int) -> str:
+    """What runs do not show of a condition; "" if they show that it decides by itself (MC/DC)."""
     bit = 1 << condition
     values = {bool(true & bit) for seen, true, _ in vectors if seen & bit}
     if len(values) < 2:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from soter.codegen import c_tree as c
 from soter.codegen.c_types import float_number, int_number
-from soter.codegen.state_access import CT, OK, S, where
+from soter.codegen.state_access import CT, OK, S, place_text
 from soter.codegen.storage_plan import PlannedBody
 from soter.core import core
 from soter.language.model.read_together import apart_at_most
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from soter.language.model.system import Module, System
 
 
-def switch(frame: Frame) -> c.FunctionDef:
-    """The switching logic of all DMs, on facts alone; `verify/deploy/dm_check.py` tries all."""
+def switch_function(frame: Frame) -> c.FunctionDef:
+    """The C function of the switching logic, over facts; `verify/deploy/dm_check.py` tries all."""
     ac, sc = c.Name("SOTER_AC"), c.Name("SOTER_SC")
     ttf, stale, safer = c.Name("ttf"), c.Name("stale"), c.Name("safer")
     unsafe = c.Binary("||", c.Binary("||", ttf, stale), c.Name("gate_fault"))
@@ -41,19 +41,21 @@ def switch(frame: Frame) -> c.FunctionDef:
     return c.FunctionDef("soter_mode", f"{frame.prefix}_switch", parameters, body, doc)
 
 
-def decision(frame: Frame, decision: core.Decision, name: str) -> list[c.FunctionDef]:
-    """The C functions of a module: its `ttf`, its `safer` and its `decide`."""
+def decision_functions(frame: Frame, decision: core.Decision, name: str) -> list[c.FunctionDef]:
+    """The C functions of a decision module: `ttf`, `safer` and `decide`."""
     module = frame.system.modules[decision.module]
     made = [
-        predicate(frame, good, f"{name}_good_{k}", f"plan {k} of {module.name}", unsafe=False)
+        predicate_function(
+            frame, good, f"{name}_good_{k}", f"plan {k} of {module.name}", unsafe=False
+        )
         for k, good in enumerate(decision.goods)
     ]
     if not made:
         doc = f"ttf of {module.name}"
-        made.append(predicate(frame, decision.ttf, f"{name}_ttf", doc, unsafe=True))
-    if not _opposite(module):
+        made.append(predicate_function(frame, decision.ttf, f"{name}_ttf", doc, unsafe=True))
+    if not _is_ttf_not_safer(module):
         doc = f"safer of {module.name}"
-        made.append(predicate(frame, decision.safer, f"{name}_safer", doc, unsafe=False))
+        made.append(predicate_function(frame, decision.safer, f"{name}_safer", doc, unsafe=False))
     m = c.Name("m")
     module_state = c.IndexExpr(c.Arrow(S, "modules"), c.Number(str(module.index)))
     set_fact = [
@@ -68,23 +70,23 @@ def decision(frame: Frame, decision: core.Decision, name: str) -> list[c.Functio
     body: list[c.CStmt] = [
         frame.state_pointer(),
         c.Declare("soter_module *const ", "m", c.Unary("&", module_state)),
-        c.Declare("bool", "stale", _stale(frame.system, module), const=True),
-        *_predicates(frame, decision, name, module),
+        c.Declare("bool", "stale", _stale_condition(frame.system, module), const=True),
+        *_compute_predicates(frame, decision, name, module),
         *set_fact,
         c.Declare("bool", "gate_fault", gate_fault, const=True),
         c.Declare("bool", "clean", clean, const=True),
-        *_look(frame, module),
-        *_decided(frame, module, facts),
+        *_store_look(frame, module),
+        *_return_mode(frame, module, facts),
     ]
-    doc = f"decision module of {module.name}, {where(module.symbol.span)}"
+    doc = f"decision module of {module.name}, {place_text(module.symbol.span)}"
     made.append(
         c.FunctionDef("soter_mode", f"{name}_decide", (("void *", "state"),), tuple(body), doc)
     )
     return made
 
 
-def _stale(system: System, module: Module) -> c.CExpr:
-    """Whether an input is older than its `max_age`, or two are too far apart in time."""
+def _stale_condition(system: System, module: Module) -> c.CExpr:
+    """The C condition that an input is too old, or that two are too far apart in time."""
 
     def after(one: c.CExpr, other: c.CExpr, most: int) -> c.CExpr:
         return c.Binary(">", c.Binary("-", one, other), int_number(most))
@@ -98,29 +100,31 @@ def _stale(system: System, module: Module) -> c.CExpr:
     return reduce(partial(c.Binary, "||"), stale) if stale else c.Name("false")
 
 
-def _opposite(module: Module) -> bool:
-    """Whether `ttf` is `!safer`: only one of them, which may be slow, is then computed."""
+def _is_ttf_not_safer(module: Module) -> bool:
+    """Whether `ttf` is `!safer`, so that C computes only one of the two, which may be slow."""
     ttf, safer = module.symbol.ttf, module.symbol.safer
     return isinstance(ttf, TypedUnary) and ttf.op == "!" and ttf.operand is safer
 
 
-def _predicates(frame: Frame, decision: core.Decision, name: str, module: Module) -> list[c.CStmt]:
-    """Computes `ttf` and `safer`, and counts in `nan_looks` the steps in which they met a NaN."""
-    opposite = _opposite(module)
+def _compute_predicates(
+    frame: Frame, decision: core.Decision, name: str, module: Module
+) -> list[c.CStmt]:
+    """Computes `ttf` and `safer`, and counts in `nan_looks` the steps in which either met a NaN."""
+    opposite = _is_ttf_not_safer(module)
     parts = [("ttf", decision.ttf), ("safer", decision.safer)][: 1 if opposite else 2]
     if decision.goods:
         parts = [(f"good_{k}", p) for k, p in enumerate(decision.goods)]
     nan = [n for n, p in parts if p.maybe_nan]
 
-    def asked(n: str) -> c.CExpr:
+    def predicate_call(n: str) -> c.CExpr:
         more = (c.Unary("&", c.Name("nan_seen")),) if n in nan else ()
         return c.CallExpr(f"{name}_{n}", (c.Name("state"), *more))
 
     body: list[c.CStmt] = [c.Declare("bool", "nan_seen", c.Name("false"))] if nan else []
     if decision.goods:
-        body += _first_good(frame, module, [asked(n) for n, _ in parts])
+        body += _find_good_plan(frame, module, [predicate_call(n) for n, _ in parts])
     else:
-        body += [c.Declare("bool", n, asked(n), const=True) for n, _ in parts]
+        body += [c.Declare("bool", n, predicate_call(n), const=True) for n, _ in parts]
     if opposite:
         body.append(c.Declare("bool", "safer", c.Unary("!", c.Name("ttf")), const=True))
     if nan:
@@ -131,13 +135,13 @@ def _predicates(frame: Frame, decision: core.Decision, name: str, module: Module
     return body
 
 
-def _first_good(frame: Frame, module: Module, asked: list[c.CExpr]) -> list[c.CStmt]:
-    """Looks for a plan for which the estimate is good, first the last one; else `ttf` is true."""
+def _find_good_plan(frame: Frame, module: Module, asked: list[c.CExpr]) -> list[c.CStmt]:
+    """Looks for a plan for which the estimate is good, the last one first; else `ttf` is true."""
     assert module.plan is not None
     last, plan, ttf = c.Name("last"), c.Name("plan"), c.Name("ttf")
     numbers = [int_number(k) for k in range(len(asked))]
     body: list[c.CStmt] = [
-        c.Declare("int64_t", "last", frame.topic(module.plan), const=True),
+        c.Declare("int64_t", "last", frame.topic_place(module.plan), const=True),
         c.Declare("int64_t", "plan", last),
         c.Declare("bool", "ttf", c.Name("true")),
     ]
@@ -150,25 +154,25 @@ def _first_good(frame: Frame, module: Module, asked: list[c.CExpr]) -> list[c.CS
     return body
 
 
-def _chosen(frame: Frame, module: Module) -> list[c.CStmt]:
-    """Stores the plan that was found good, with a verdict AC and only then."""
+def _store_plan(frame: Frame, module: Module) -> list[c.CStmt]:
+    """Stores the plan that was found good, if the DM gives control to AC."""
     if module.plan is None or not module.goods or module.forced is not None:
         return []
     to_ac = c.Binary("==", c.Name("after"), c.Name("SOTER_AC"))
-    return [c.IfStmt(to_ac, (c.Assign(frame.topic(module.plan), c.Name("plan")),))]
+    return [c.IfStmt(to_ac, (c.Assign(frame.topic_place(module.plan), c.Name("plan")),))]
 
 
-def _decided(frame: Frame, module: Module, facts: tuple[c.CExpr, ...]) -> list[c.CStmt]:
-    """Returns the mode after the step; a latch may keep SC in control, and is updated."""
+def _return_mode(frame: Frame, module: Module, facts: tuple[c.CExpr, ...]) -> list[c.CStmt]:
+    """Returns the mode after the step; a latch, which is updated, may keep SC in control."""
     switch = f"{frame.prefix}_switch"
-    chosen = _chosen(frame, module)
+    chosen = _store_plan(frame, module)
     if module.latch is None and not chosen:
         return [c.Return(c.CallExpr(switch, facts))]
     after = c.Name("after")
     if module.latch is None:
         decided = c.Declare("soter_mode", "after", c.CallExpr(switch, facts), const=True)
         return [decided, *chosen, c.Return(after)]
-    latch = frame.topic(module.latch)
+    latch = frame.topic_place(module.latch)
     stamps = c.Arrow(S, "stamps")
     since = c.IndexExpr(stamps, c.Number(str(module.latch)))
     before, zero = facts[0], c.Number("0")
@@ -180,7 +184,7 @@ def _decided(frame: Frame, module: Module, facts: tuple[c.CExpr, ...]) -> list[c
         max_age = frame.system.topics[module.acknowledgement].max_age_ns
         assert max_age is not None, "M028"
         stamp = c.IndexExpr(stamps, c.Number(str(module.acknowledgement)))
-        pressed = frame.topic(module.acknowledgement)
+        pressed = frame.topic_place(module.acknowledgement)
         arguments = (c.Unary("&", latch), c.Unary("&", since), pressed, stamp, CT)
         lets = c.CallExpr("soter_acknowledged", (*arguments, int_number(max_age)))
         to_ac = c.Binary("==", after, c.Name("SOTER_AC"))
@@ -199,8 +203,8 @@ def _decided(frame: Frame, module: Module, facts: tuple[c.CExpr, ...]) -> list[c
     ]
 
 
-def _look(frame: Frame, module: Module) -> list[c.CStmt]:
-    """Stores what `margin` is computed from: `Module.looks_left`, and the time of this step."""
+def _store_look(frame: Frame, module: Module) -> list[c.CStmt]:
+    """Stores what `margin` is computed from: `Module.looks_left` and the time of this step."""
     if module.looked is None:
         return []
     unsafe: c.CExpr = c.Name("ttf")
@@ -209,23 +213,23 @@ def _look(frame: Frame, module: Module) -> list[c.CStmt]:
     left = c.Ternary(c.Name("safer"), int_number(module.looks), int_number(1))
     stamp = c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(module.looked)))
     looks = c.Ternary(unsafe, int_number(0), left)
-    return [c.Assign(frame.topic(module.looked), looks), c.Assign(stamp, CT)]
+    return [c.Assign(frame.topic_place(module.looked), looks), c.Assign(stamp, CT)]
 
 
-def predicate(
+def predicate_function(
     frame: Frame, p: core.Predicate, name: str, doc: str, *, unsafe: bool, negate: bool = False
 ) -> c.FunctionDef:
-    """The C function of a predicate over the state; it returns `unsafe` after a fault inside."""
+    """The C function of a predicate over the state; after a fault it returns `unsafe`."""
     failed = c.Name("true" if unsafe else "false")
-    return _function(frame, p, name, doc, ("bool", failed), negate=negate)
+    return _state_function(frame, p, name, doc, ("bool", failed), negate=negate)
 
 
-def number(frame: Frame, p: core.Predicate, name: str, doc: str) -> c.FunctionDef:
-    """The C function of a float over the state; it returns NaN after a fault inside."""
-    return _function(frame, p, name, doc, ("double", float_number(nan)))
+def number_function(frame: Frame, p: core.Predicate, name: str, doc: str) -> c.FunctionDef:
+    """The C function of a float over the state; after a fault it returns NaN."""
+    return _state_function(frame, p, name, doc, ("double", float_number(nan)))
 
 
-def _function(
+def _state_function(
     frame: Frame,
     p: core.Predicate,
     name: str,
@@ -243,18 +247,18 @@ def _function(
     if faults:
         body += [*frame.fault_pointer(), c.Unused("fault")]
     task = PlannedBody(code=p.body, is_large=frame.types.is_large, result=p.value)
-    with frame.body.planned(task):
-        body += frame.body.block(p.body, p.value)
+    with frame.body.plan_body(task):
+        body += frame.body.translate_block(p.body, p.value)
         value = frame.body.expr(p.value)
     if faults:
         failed = c.Binary("!=", c.Name("status"), OK)
-        body.append(c.IfStmt(failed, (*_nan_seen(p), c.Return(otherwise))))
+        body.append(c.IfStmt(failed, (*_note_nan(p), c.Return(otherwise))))
     body.append(c.Return(c.Unary("!", value) if negate else value))
-    return c.FunctionDef(result, name, parameters, tuple(body), f"{doc}, {where(p.span)}")
+    return c.FunctionDef(result, name, parameters, tuple(body), f"{doc}, {place_text(p.span)}")
 
 
-def _nan_seen(p: core.Predicate) -> list[c.CStmt]:
-    """Sets `nan_seen` after fault NONFINITE, which only a compared NaN raises in a predicate."""
+def _note_nan(p: core.Predicate) -> list[c.CStmt]:
+    """Sets `nan_seen` after a NONFINITE fault, which in a predicate only a compared NaN raises."""
     if not p.maybe_nan:
         return []
     was = c.Binary("==", c.Name("status"), c.Name("SOTER_NONFINITE"))

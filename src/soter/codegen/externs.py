@@ -45,7 +45,7 @@ LINKED = "_linked"
 
 
 def answer_fields(component: Component) -> tuple[tuple[str, Type], ...]:
-    """Names and types of the fields of the struct in which a driver answers an extern step."""
+    """Names and types of the fields in which a driver answers an extern step."""
     if component.plant is not None:
         return tuple((v.name, v.type) for v in component.plant.states)
     assert component.node is not None
@@ -53,13 +53,14 @@ def answer_fields(component: Component) -> tuple[tuple[str, Type], ...]:
     return (*short, *((f"has_{n}", BOOL) for n, _ in short))
 
 
-def struct(
+def struct_def(
     frame: Frame, layout: Struct, name: str, comment: str, *, topics: bool = False
 ) -> c.StructDef:
     """A C struct with the members of `layout`; `topics`: it is the struct of all topics."""
     members = [
         c.StructMember(
-            frame.types.stored(m.type), frame.topic_field(m.index) if topics else field_name(m.name)
+            frame.types.stored_type(m.type),
+            frame.topic_field(m.index) if topics else field_name(m.name),
         )
         for m in layout.members
     ]
@@ -68,26 +69,26 @@ def struct(
     return c.StructDef(name, tuple(members), comment)
 
 
-def interface(frame: Frame, core: CoreSystem, names: dict[int, str]) -> list[c.CTop]:
-    """Declares what externs see: structs of inputs and outputs, prototypes of linked functions."""
+def extern_declarations(frame: Frame, core: CoreSystem, names: dict[int, str]) -> list[c.CTop]:
+    """The C declarations of what externs read and answer, and of linked functions."""
     declarations: list[c.CTop] = []
     for x in frame.system.components:
         if not x.extern:
             continue
         name = names[x.index]
         layout = arrange(answer_fields(x))
-        declarations.append(struct(frame, layout, f"{name}_out", f"what {x.name} answers"))
+        declarations.append(struct_def(frame, layout, f"{name}_out", f"what {x.name} answers"))
         bound_to_c = (x.binding or "").startswith("c:")
         if x.node is not None and (bound_to_c or x.index in frame.apart):
-            declarations.append(_inputs(frame, x, name))
+            declarations.append(_request_struct(frame, x, name))
         if x.node is not None and bound_to_c:
-            declarations.append(_linked(x, name))
-    declarations += [_prototype(frame, f) for f in core.functions if is_linked(f)]
+            declarations.append(_node_prototype(x, name))
+    declarations += [_function_prototype(frame, f) for f in core.functions if is_linked(f)]
     return [c.Section("externs"), *declarations] if declarations else []
 
 
 def request_fields(system: System, component: Component) -> tuple[tuple[str, Type], ...]:
-    """Names and types of the members of the struct that an extern node reads, in order."""
+    """Names and types of the fields that an extern node reads, in order."""
     assert component.node is not None
     topics = component.scope.topics
     return tuple(
@@ -96,55 +97,55 @@ def request_fields(system: System, component: Component) -> tuple[tuple[str, Typ
     )
 
 
-def _inputs(frame: Frame, x: Component, name: str) -> c.StructDef:
+def _request_struct(frame: Frame, x: Component, name: str) -> c.StructDef:
     members = tuple(
-        c.StructMember(frame.types.stored(t), field_name(n))
+        c.StructMember(frame.types.stored_type(t), field_name(n))
         for n, t in request_fields(frame.system, x)
     ) or (c.StructMember("uint8_t", "pad_"),)
     return c.StructDef(f"{name}_in", members, f"what {x.name} reads")
 
 
-def _linked(x: Component, name: str) -> c.FunctionDef:
+def _node_prototype(x: Component, name: str) -> c.FunctionDef:
     assert x.node is not None
     assert x.binding is not None
     return c.FunctionDef(
         "int",
-        symbol_of(x.binding),
-        _parameters(x, name),
+        linked_symbol(x.binding),
+        _node_parameters(x, name),
         None,
         f"extern node {x.node.name}: 0 is success; set has_... for each output given",
         static=False,
     )
 
 
-def _parameters(x: Component, name: str) -> tuple[tuple[str, str], ...]:
+def _node_parameters(x: Component, name: str) -> tuple[tuple[str, str], ...]:
     assert x.node is not None
     kept = ((f"{name}_local *", "local"),) if x.node.locals else ()
     return ((f"const {name}_in *", "in"), *kept, (f"{name}_out *", "out"))
 
 
-def symbol_of(binding: str) -> str:
-    """The function that `c:file.c:function` names."""
+def linked_symbol(binding: str) -> str:
+    """The name of the C function in a binding `c:file.c:function`."""
     return binding.rsplit(":", 1)[1]
 
 
 def linked_name(name: str) -> str:
-    """The name of the generated function that calls the linked function of `name`."""
+    """The name of the generated function that calls the linked C function."""
     return name + LINKED
 
 
-def call_of_node(x: Component, name: str) -> c.FunctionDef:
+def node_caller(x: Component, name: str) -> c.FunctionDef:
     """The generated function that calls the linked C function of an extern node."""
     assert x.binding is not None
-    return call_linked("int", name, symbol_of(x.binding), _parameters(x, name))
+    return caller_of_symbol("int", name, linked_symbol(x.binding), _node_parameters(x, name))
 
 
-def _prototype(frame: Frame, f: Function) -> c.FunctionDef:
+def _function_prototype(frame: Frame, f: Function) -> c.FunctionDef:
     """The prototype of the linked C function of an extern function."""
     return c.FunctionDef(
-        frame.types.work(f.result_type),
-        symbol_of(f.source or ""),
-        _parameters_of(frame, f),
+        frame.types.work_type(f.result_type),
+        linked_symbol(f.source or ""),
+        _function_parameters(frame, f),
         None,
         f"extern fun {f.source_name}",
         static=False,
@@ -152,12 +153,12 @@ def _prototype(frame: Frame, f: Function) -> c.FunctionDef:
 
 
 def is_linked(f: Function) -> bool:
-    """Whether a function of Core is bound to a C function that is linked."""
+    """Whether a function of Core is bound to a C function, which is linked."""
     return f.result is None and (f.source or "").startswith("c:")
 
 
-def linked_functions(frame: Frame, core: CoreSystem) -> Iterator[tuple[str, Span, bool]]:
-    """Yields each binding to C, where it is declared, and whether it is one of a node."""
+def linked_bindings(frame: Frame, core: CoreSystem) -> Iterator[tuple[str, Span, bool]]:
+    """Yields each binding to C, where it is declared, and whether a node has it."""
     for x in frame.system.components:
         if x.extern and x.node is not None and (x.binding or "").startswith("c:"):
             assert x.binding is not None
@@ -168,17 +169,17 @@ def linked_functions(frame: Frame, core: CoreSystem) -> Iterator[tuple[str, Span
             yield f.source, f.span, False
 
 
-def call_of_function(frame: Frame, f: Function, name: str) -> c.FunctionDef:
+def function_caller(frame: Frame, f: Function, name: str) -> c.FunctionDef:
     """The generated function that calls the linked C function of an extern function."""
-    result, parameters = frame.types.work(f.result_type), _parameters_of(frame, f)
-    return call_linked(result, name, symbol_of(f.source or ""), parameters)
+    result, parameters = frame.types.work_type(f.result_type), _function_parameters(frame, f)
+    return caller_of_symbol(result, name, linked_symbol(f.source or ""), parameters)
 
 
-def _parameters_of(frame: Frame, f: Function) -> tuple[tuple[str, str], ...]:
-    return tuple((frame.types.work(p.type), frame.body.local(p.name)) for p in f.parameters)
+def _function_parameters(frame: Frame, f: Function) -> tuple[tuple[str, str], ...]:
+    return tuple((frame.types.work_type(p.type), frame.body.c_name(p.name)) for p in f.parameters)
 
 
-def call_linked(
+def caller_of_symbol(
     result: str, name: str, symbol: str, parameters: tuple[tuple[str, str], ...]
 ) -> c.FunctionDef:
     """A function that only calls `symbol`, so that no name in scope hides it.
@@ -194,34 +195,34 @@ EXTERN = c.Name("SOTER_EXTERN_FAULT")
 ZERO = c.Number("0")
 
 
-def received(t: Type, e: c.CExpr, depth: int = 0) -> list[c.CStmt]:
-    """Statements that make the stored value `e` one of type `t`; they may raise `extern`."""
+def clean_answer(t: Type, e: c.CExpr, depth: int = 0) -> list[c.CStmt]:
+    """Statements that turn stored bytes `e` into a value of type `t`, or raise fault `extern`."""
     if isinstance(t, BoolType):
         return [c.Assign(e, c.Ternary(c.Binary("!=", e, ZERO), c.Number("1"), ZERO))]
     if isinstance(t, EnumType):
-        return _within(e, 0, len(t.members) - 1, unsigned=True)
+        return _check_within(e, 0, len(t.members) - 1, unsigned=True)
     if isinstance(t, IntType):
-        return _int(t, e)
+        return _check_int(t, e)
     if isinstance(t, RecordType):
         parts = [(field, c.Member(e, field_name(name))) for name, field in t.fields]
-        inside = [made for field, part in parts for made in received(field, part, depth)]
-        return [*inside, *_padding(t, e, depth)]
+        inside = [made for field, part in parts for made in clean_answer(field, part, depth)]
+        return [*inside, *_zero_padding(t, e, depth)]
     counter = f"k{depth}"
     if isinstance(t, ArrayType):
-        inner = received(t.element, c.IndexExpr(c.Member(e, "at"), c.Name(counter)), depth + 1)
+        inner = clean_answer(t.element, c.IndexExpr(c.Member(e, "at"), c.Name(counter)), depth + 1)
         return [c.For(counter, ZERO, c.Number(str(t.size)), tuple(inner))] if inner else []
     if isinstance(t, ListType):
-        return [*_list(t, e, counter, depth), *_padding(t, e, depth)]
+        return [*_clean_list(t, e, counter, depth), *_zero_padding(t, e, depth)]
     return []
 
 
 def to_ends(t: Type, bounds: Sequence[Bound | None], e: c.CExpr, depth: int = 0) -> list[c.CStmt]:
-    """Statements that turn floats of `e` beyond an end of their set by float32 rounding into it.
+    """Statements that move floats which float32 has rounded beyond an end of their set to that end.
 
     `bounds` has one for each leaf of `t`. An end that float32 keeps or rounds inward needs none.
     """
     if isinstance(t, FloatType):
-        return [] if bounds[0] is None else _to_ends_of(bounds[0], e)
+        return [] if bounds[0] is None else _float_to_ends(bounds[0], e)
     if isinstance(t, RecordType):
         statements: list[c.CStmt] = []
         rest = iter(bounds)
@@ -240,7 +241,7 @@ def to_ends(t: Type, bounds: Sequence[Bound | None], e: c.CExpr, depth: int = 0)
 def _array_to_ends(
     t: ArrayType, bounds: Sequence[Bound | None], e: c.CExpr, depth: int
 ) -> list[c.CStmt]:
-    """`to_ends` of an array: a loop if all elements have the same bounds, else each by itself."""
+    """`to_ends` for an array: a loop if all elements have the same bounds, else one by one."""
     size = sum(1 for _ in leaves(t.element))
     groups = [tuple(bounds[k * size : (k + 1) * size]) for k in range(t.size)]
     at = c.Member(e, "at")
@@ -252,7 +253,7 @@ def _array_to_ends(
     return [x for g, part in zip(groups, each, strict=True) for x in to_ends(t.element, g, part)]
 
 
-def _to_ends_of(bound: Bound, e: c.CExpr) -> list[c.CStmt]:
+def _float_to_ends(bound: Bound, e: c.CExpr) -> list[c.CStmt]:
     statements: list[c.CStmt] = []
     for end, single in zip((bound.low, bound.high), bound.singles, strict=True):
         if single != end:
@@ -264,15 +265,15 @@ def _to_ends_of(bound: Bound, e: c.CExpr) -> list[c.CStmt]:
     return statements
 
 
-def _within(e: c.CExpr, low: int, high: int, *, unsigned: bool) -> list[c.CStmt]:
+def _check_within(e: c.CExpr, low: int, high: int, *, unsigned: bool) -> list[c.CStmt]:
     fits = c.Binary("<=", e, int_number(high))
     if not unsigned or low > 0:
         fits = c.Binary("&&", c.Binary(">=", e, int_number(low)), fits)
     return [c.Do(c.CallExpr("soter_guard", (fits, EXTERN, FAULT)))]
 
 
-def _int(t: IntType, e: c.CExpr) -> list[c.CStmt]:
-    """Checks an int against its type; nothing if its storage has no other values."""
+def _check_int(t: IntType, e: c.CExpr) -> list[c.CStmt]:
+    """Checks an int against its type, unless its storage has no other values."""
     storage = scalar(t)
     assert storage is not None
     low, high = next((k[2], k[3]) for k in INT_KINDS if k[4] == storage.c_type)
@@ -281,15 +282,15 @@ def _int(t: IntType, e: c.CExpr) -> list[c.CStmt]:
     if t.high == high:
         fits: c.CExpr = c.Binary(">=", e, int_number(t.low))
         return [c.Do(c.CallExpr("soter_guard", (fits, EXTERN, FAULT)))]
-    return _within(e, t.low, t.high, unsigned=t.low == low)
+    return _check_within(e, t.low, t.high, unsigned=t.low == low)
 
 
-def _list(t: ListType, e: c.CExpr, counter: str, depth: int) -> list[c.CStmt]:
+def _clean_list(t: ListType, e: c.CExpr, counter: str, depth: int) -> list[c.CStmt]:
     length = c.Member(e, "len")
     element = c.IndexExpr(c.Member(e, "items"), c.Name(counter))
     capacity = c.Number(str(t.capacity))
     outside = c.Binary("||", c.Binary("<", length, ZERO), c.Binary(">", length, capacity))
-    inner = received(t.element, element, depth + 1)
+    inner = clean_answer(t.element, element, depth + 1)
     statements: list[c.CStmt] = [
         c.IfStmt(
             outside, (c.Do(c.CallExpr("soter_raise", (FAULT, EXTERN))), c.Assign(length, ZERO))
@@ -302,7 +303,7 @@ def _list(t: ListType, e: c.CExpr, counter: str, depth: int) -> list[c.CStmt]:
     return [*statements, c.For(counter, length, capacity, (zero,))]
 
 
-def _padding(t: RecordType | ListType, e: c.CExpr, depth: int) -> list[c.CStmt]:
+def _zero_padding(t: RecordType | ListType, e: c.CExpr, depth: int) -> list[c.CStmt]:
     padding = struct_of(t).padding
     if not padding:
         return []

@@ -40,7 +40,7 @@ def fault_names(system: System) -> list[str]:
 # ---------------------------------------------------------------- tables and times
 
 
-def definitions(frame: Frame, names: Mapping[int, str]) -> list[c.CTop]:
+def fault_definitions(frame: Frame, names: Mapping[int, str]) -> list[c.CTop]:
     """The tables of faults, and the functions about time and order that the kernel calls."""
     declarations: list[c.CTop] = []
     for i, f in enumerate(frame.system.faults):
@@ -52,25 +52,27 @@ def definitions(frame: Frame, names: Mapping[int, str]) -> list[c.CTop]:
             ("probability", float_number(f.probability)),
             ("apart", c.Name("true" if f.apart else "false")),
         )
-        declarations.append(c.VariableDef("soter_chance", _table(frame, i), c.Initializer(fields)))
+        declarations.append(c.VariableDef("soter_chance", _chance(frame, i), c.Initializer(fields)))
         if _is_lateness(f):
             times = c.Initializer(tuple((None, int_number(int(x))) for x in f.amount))
-            declarations.append(c.VariableDef("int64_t", _times(frame, i), times, array=True))
+            declarations.append(c.VariableDef("int64_t", _lateness(frame, i), times, array=True))
     moved = sorted({f.component for f in frame.system.faults if f.of_time})
-    declarations += [_happens(frame, frame.system.components[k], names) for k in moved]
+    declarations += [_release_time(frame, frame.system.components[k], names) for k in moved]
     lasting = sorted({f.component for f in frame.system.faults if f.kind == "overrun"})
-    declarations += [_overrun(frame, frame.system.components[k], names[k]) for k in lasting]
-    return [*declarations, *([_order(frame)] if frame.system.shuffled else [])]
+    declarations += [
+        _overrun_function(frame, frame.system.components[k], names[k]) for k in lasting
+    ]
+    return [*declarations, *([_order_function(frame)] if frame.system.shuffled else [])]
 
 
 _STREAMS = (("stream", ""), ("at", ".at"), ("by", ".by"))
 
 
-def _table(frame: Frame, number: int) -> str:
+def _chance(frame: Frame, number: int) -> str:
     return f"{frame.prefix}_fault_{number}"
 
 
-def _times(frame: Frame, number: int) -> str:
+def _lateness(frame: Frame, number: int) -> str:
     return f"{frame.prefix}_lateness_{number}"
 
 
@@ -78,12 +80,12 @@ def _is_lateness(f: Fault) -> bool:
     return f.kind == "late" and f.slot_ns == 0
 
 
-def _asked(frame: Frame, number: int, function: str, *more: c.CExpr) -> c.CExpr:
-    return c.CallExpr(function, (HEADER, c.Unary("&", c.Name(_table(frame, number))), *more))
+def _fault_call(frame: Frame, number: int, function: str, *more: c.CExpr) -> c.CExpr:
+    return c.CallExpr(function, (HEADER, c.Unary("&", c.Name(_chance(frame, number))), *more))
 
 
-def _happens(frame: Frame, component: Component, names: Mapping[int, str]) -> c.FunctionDef:
-    """The C function for when a release of `component` really happens; SOTER_NEVER: it is lost."""
+def _release_time(frame: Frame, component: Component, names: Mapping[int, str]) -> c.FunctionDef:
+    """The C function of when a release of `component` happens; SOTER_NEVER if it is lost."""
     nominal, release = c.Name("nominal"), c.Name("release")
     period = int_number(component.period_ns)
     since = c.Binary("*", release, period)
@@ -103,16 +105,16 @@ def _happens(frame: Frame, component: Component, names: Mapping[int, str]) -> c.
     ]
     for i, f in mine:
         if f.on is not None:
-            body += _wait(frame.system.components[f.on], names[f.on])
+            body += _wait_for(frame.system.components[f.on], names[f.on])
         elif f.kind == "skip":
-            active = _asked(frame, i, "soter_fault_active", nominal, period)
+            active = _fault_call(frame, i, "soter_fault_active", nominal, period)
             body.append(c.IfStmt(active, (lost,)))
         elif _is_lateness(f):
-            times = (c.Name(_times(frame, i)), c.Number(f"{len(f.amount)}U"))
-            late = _asked(frame, i, "soter_fault_late", *times, release)
+            times = (c.Name(_lateness(frame, i)), c.Number(f"{len(f.amount)}U"))
+            late = _fault_call(frame, i, "soter_fault_late", *times, release)
             body.append(c.Assign(TIME, c.Binary("+", TIME, late)))
         else:
-            body.append(c.Assign(TIME, _asked(frame, i, "soter_fault_held", TIME, period)))
+            body.append(c.Assign(TIME, _fault_call(frame, i, "soter_fault_held", TIME, period)))
     too_late = c.Binary(">=", TIME, c.Binary("+", nominal, period))
     moved = c.Binary("&&", c.Binary("!=", TIME, nominal), too_late)
     body += [c.IfStmt(moved, (lost,)), c.Return(TIME)]
@@ -122,7 +124,7 @@ def _happens(frame: Frame, component: Component, names: Mapping[int, str]) -> c.
     return c.FunctionDef("int64_t", name, parameters, tuple(body), doc)
 
 
-def _wait(other: Component, name: str) -> list[c.CStmt]:
+def _wait_for(other: Component, name: str) -> list[c.CStmt]:
     """Moves `t` to no earlier than `other`'s last release up to the same nominal time."""
     phase, period, since = int_number(other.phase_ns), int_number(other.period_ns), c.Name("since")
     happens = c.CallExpr(f"{name}_happens", (c.Name("state"), c.Binary("/", since, period)))
@@ -135,8 +137,8 @@ def _wait(other: Component, name: str) -> list[c.CStmt]:
     ]
 
 
-def _overrun(frame: Frame, component: Component, name: str) -> c.FunctionDef:
-    """The C function for how many nanoseconds longer a step lasts that begins now."""
+def _overrun_function(frame: Frame, component: Component, name: str) -> c.FunctionDef:
+    """The C function that gives how many ns longer a step takes if it begins now."""
     longer, period = c.Name("longer"), int_number(component.period_ns)
     body: list[c.CStmt] = [
         frame.state_pointer(const=True),
@@ -145,7 +147,7 @@ def _overrun(frame: Frame, component: Component, name: str) -> c.FunctionDef:
     for i, f in enumerate(frame.system.faults):
         if f.component == component.index and f.kind == "overrun":
             more = c.Assign(longer, c.Binary("+", longer, int_number(int(f.amount[0]))))
-            active = _asked(frame, i, "soter_fault_active", CT, period)
+            active = _fault_call(frame, i, "soter_fault_active", CT, period)
             body.append(c.IfStmt(active, (more,)))
     body.append(c.Return(longer))
     doc = f"how much longer a step of {component.name} lasts"
@@ -154,7 +156,7 @@ def _overrun(frame: Frame, component: Component, name: str) -> c.FunctionDef:
     )
 
 
-def _order(frame: Frame) -> c.FunctionDef:
+def _order_function(frame: Frame) -> c.FunctionDef:
     """The C function that draws which of `waiting` nodes steps next."""
     waiting = c.Name("waiting")
     first = c.Binary("*", c.Cast("uint64_t", CT), c.Number(f"{ORDERS}U"))
@@ -173,7 +175,7 @@ def _order(frame: Frame) -> c.FunctionDef:
 
 
 def disturb(frame: Frame, component: Component, outputs: tuple[core.Output, ...]) -> list[c.CStmt]:
-    """Changes, by the faults of `component`, the outputs that its step is about to publish."""
+    """Changes the outputs that a step is about to publish, by the faults of its component."""
     statements: list[c.CStmt] = []
     places = {o.topic: k for k, o in enumerate(outputs)}
     period = int_number(component.period_ns)
@@ -181,26 +183,28 @@ def disturb(frame: Frame, component: Component, outputs: tuple[core.Output, ...]
         if f.component != component.index or f.topic not in places or f.topic is None:
             continue
         k = places[f.topic]
-        active = _asked(frame, i, "soter_fault_active", CT, period)
+        active = _fault_call(frame, i, "soter_fault_active", CT, period)
         done: list[c.CStmt]
         if f.kind == "silent":
-            done = [c.Assign(frame.body.has(k), c.Name("false"))]
+            done = [c.Assign(frame.body.has_flag(k), c.Name("false"))]
             if component.plant is not None:  # a sensor speaks at its first release
                 active = c.Binary("&&", active, c.Unary("!", c.Name("first")))
         else:
-            slot = _asked(frame, i, "soter_fault_slot", CT, period)
+            slot = _fault_call(frame, i, "soter_fault_slot", CT, period)
             done = [c.Declare("int64_t", "slot", slot, const=True), c.Unused("slot")]
             bounds = frame.system.topics[f.topic].bounds
             kinds = [t for _, t in leaves(outputs[k].type)]
             for leaf in f.leaves:
-                target = leaf_of(frame.body.out(k), outputs[k].type, leaf)
-                now = leaf_of(frame.topic(f.topic), outputs[k].type, leaf)
+                target = leaf_place(frame.body.out_place(k), outputs[k].type, leaf)
+                now = leaf_place(frame.topic_place(f.topic), outputs[k].type, leaf)
                 is_float, bound = isinstance(kinds[leaf], FloatType), bounds[leaf]
                 new = _faulty_leaf(frame, (i, leaf), f, (target, now), bound, is_float=is_float)
                 done.append(c.Assign(target, new))
                 if component.plant is not None and bound is not None and is_float:
-                    done.append(c.Assign(target, _within(target, bound)))
-        applies = active if k in frame.body.certain else c.Binary("&&", frame.body.has(k), active)
+                    done.append(c.Assign(target, _clip(target, bound)))
+        applies = (
+            active if k in frame.body.certain else c.Binary("&&", frame.body.has_flag(k), active)
+        )
         statements.append(c.IfStmt(applies, tuple(done)))
     return statements
 
@@ -214,7 +218,7 @@ def _faulty_leaf(
     *,
     is_float: bool,
 ) -> c.CExpr:
-    """A leaf's new value; `which`: numbers of fault, leaf; `values`: the output's, the topic's."""
+    """A leaf's new value; `which`: fault, leaf; `values`: of the output, of the topic so far."""
     i, leaf = which
     old, now = values
     if f.kind == "stuck":
@@ -228,41 +232,41 @@ def _faulty_leaf(
         ends = [
             float_number(x) if is_float else int_number(int(x)) for x in (bound.high, bound.low)
         ]
-        return c.Ternary(_asked(frame, i, "soter_fault_high", index), *ends)
+        return c.Ternary(_fault_call(frame, i, "soter_fault_high", index), *ends)
     (x,) = f.amount
     if f.kind == "scale":
         return c.Binary("*", old, float_number(x))
-    by = _asked(frame, i, "soter_fault_by", index, float_number(abs(x)))
+    by = _fault_call(frame, i, "soter_fault_by", index, float_number(abs(x)))
     return c.Binary("+", old, by)
 
 
-def _within(target: c.CExpr, bound: Bound) -> c.CExpr:
+def _clip(target: c.CExpr, bound: Bound) -> c.CExpr:
     inner = c.CallExpr("soter_min", (float_number(bound.high), target))
     return c.CallExpr("soter_max", (float_number(bound.low), inner))
 
 
-def scaled(frame: Frame, component: Component, disturbance: int, drawn: c.CExpr) -> c.CExpr:
-    """A drawn leaf of a disturbance, times the factors of the faults that are active."""
+def scaled_draw(frame: Frame, component: Component, disturbance: int, drawn: c.CExpr) -> c.CExpr:
+    """A drawn leaf of a disturbance, multiplied by the factors of the faults that are active."""
     by: c.CExpr | None = None
     period = int_number(component.period_ns)
     for i, f in enumerate(frame.system.faults):
         if f.component == component.index and f.disturbance == disturbance:
-            active = _asked(frame, i, "soter_fault_active", CT, period)
+            active = _fault_call(frame, i, "soter_fault_active", CT, period)
             one = c.Ternary(active, float_number(f.amount[0]), float_number(1.0))
             by = one if by is None else c.Binary("*", by, one)
     return drawn if by is None else c.Binary("*", drawn, by)
 
 
-def leaf_of(e: c.CExpr, t: Type, index: int) -> c.CExpr:
-    """The C of leaf number `index` of the value `e` of type `t`."""
+def leaf_place(e: c.CExpr, t: Type, index: int) -> c.CExpr:
+    """The C place of leaf number `index` in the value `e` of type `t`."""
     if isinstance(t, RecordType):
         for n, f in t.fields:
             count = sum(1 for _ in leaves(f))
             if index < count:
-                return leaf_of(c.Member(e, field_name(n)), f, index)
+                return leaf_place(c.Member(e, field_name(n)), f, index)
             index -= count
     if isinstance(t, ArrayType):
         count = sum(1 for _ in leaves(t.element))
         at = c.IndexExpr(c.Member(e, "at"), c.Number(str(index // count)))
-        return leaf_of(at, t.element, index % count)
+        return leaf_place(at, t.element, index % count)
     return e

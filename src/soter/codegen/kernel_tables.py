@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from soter.codegen import c_tree as c
 from soter.codegen.body import stream_key
 from soter.codegen.c_types import int_number
-from soter.codegen.plants_and_inputs import DRAW_PARAMETERS, assemble, in_order, uniform
+from soter.codegen.plants_and_inputs import DRAW_PARAMETERS, assemble, in_order, uniform_draw
 from soter.language.model.system import environment_topics
 from soter.language.model.types import ArrayType, FloatType, RecordType, default_value, leaves
 
@@ -25,21 +25,21 @@ if TYPE_CHECKING:
     from soter.language.model.types import Type, Value
 
 
-def init(frame: Frame, name: str) -> c.FunctionDef:
+def init_function(frame: Frame, name: str) -> c.FunctionDef:
     """The C function that sets topics, locals and plant states to initial or drawn values."""
     body: list[c.CStmt] = [frame.state_pointer(), c.Unused("s"), c.Unused("answer")]
     for topic in frame.system.topics:
-        body += _initial(frame, frame.topic(topic.index), topic.type, topic.default)
+        body += _set_initial(frame, frame.topic_place(topic.index), topic.type, topic.default)
     for component in frame.system.components:
         for i, v in enumerate(component.variables):
-            target = frame.member(component.index, v.name)
+            target = frame.member_place(component.index, v.name)
             interval = component.initial_range[i] if component.initial_range else None
             if interval is None:
-                body += _initial(frame, target, v.type, component.initial[i])
+                body += _set_initial(frame, target, v.type, component.initial[i])
                 continue
             base = f"{component.name}.{v.name}.start"
             draws = [
-                uniform(".".join((base, *path)), c.Number("0"), *interval)
+                uniform_draw(".".join((base, *path)), c.Number("0"), *interval)
                 for path, _ in leaves(v.type)
             ]
             prefix = f"drawn_{component.index}_{i}"
@@ -48,15 +48,15 @@ def init(frame: Frame, name: str) -> c.FunctionDef:
     return c.FunctionDef("void", name, DRAW_PARAMETERS, tuple(body), "initial values")
 
 
-def _initial(frame: Frame, target: c.CExpr, t: Type, value: Value) -> list[c.CStmt]:
+def _set_initial(frame: Frame, target: c.CExpr, t: Type, value: Value) -> list[c.CStmt]:
     if value == default_value(t) and _is_zero(t, value):
         return []
     constant = frame.types.constant(t, value, "initial")
-    return frame.types.commit(target, t, constant)
+    return frame.types.commit_value(target, t, constant)
 
 
 def _is_zero(t: Type, value: Value) -> bool:
-    """Whether a default value is all zero bytes."""
+    """Whether all bytes of a default value are zero."""
     if isinstance(t, FloatType):
         return str(value) == "0.0"
     if isinstance(t, RecordType):
@@ -64,15 +64,6 @@ def _is_zero(t: Type, value: Value) -> bool:
     if isinstance(t, ArrayType):
         return all(_is_zero(t.element, v) for v in value)
     return not value
-
-
-ROLES = {
-    "plant": "SOTER_ROLE_PLANT",
-    "dm": "SOTER_ROLE_DM",
-    "sc": "SOTER_ROLE_SC",
-    "ac": "SOTER_ROLE_AC",
-    "node": "SOTER_ROLE_NODE",
-}
 
 
 class TableEmitter:
@@ -99,57 +90,41 @@ class TableEmitter:
         self.found: list[c.CTop] = []
 
     def tables(self) -> list[c.CTop]:
-        """The tables, and the program that names them."""
+        """The tables, and behind them the `soter_program` that names them."""
         p, s = self.frame.prefix, self.system
-        tables = (
+        rows = (
             (
                 "component",
-                self._table(
-                    "soter_component_info",
-                    "components",
-                    [self._component(x) for x in s.components],
-                    "components in deployed order: plants, DMs, SCs, the rest",
-                ),
+                "components",
+                [self._component_row(x) for x in s.components],
+                "components in deployed order: plants, DMs, SCs, the rest",
             ),
-            ("module", self._table("soter_module_info", "modules", self._modules(), "RTA modules")),
+            ("module", "modules", self._module_rows(), "RTA modules"),
             (
                 "property",
-                self._table(
-                    "soter_property_info",
-                    "properties",
-                    self._properties(),
-                    "properties, checked on the truth at the end of every instant, and contracts",
-                ),
+                "properties",
+                self._property_rows(),
+                "properties, checked on the truth at the end of every instant, and contracts",
             ),
-            ("topic", self._table("soter_topic_info", "topics_info", self._topics(), "topics")),
-            (
-                "input",
-                self._table("soter_input_info", "inputs", self._inputs(), "environment inputs"),
-            ),
+            ("topic", "topics_info", self._topic_rows(), "topics"),
+            ("input", "inputs", self._input_rows(), "environment inputs"),
         )
-        counted = (
-            ("components", s.components),
-            ("modules", s.modules),
-            ("properties", s.properties),
-            ("topics", s.topics),
-            ("inputs", s.inputs),
-        )
-        program = c.Initializer(
-            (
-                ("name", c.String(p)),
-                ("hash", c.String(s.program.sha256)),
-                ("state_size", c.CallExpr("sizeof", (c.Name(f"{p}_state"),))),
-                *((name, c.Number(f"{len(items)}U")) for name, items in counted),
-                *tables,
-                ("init", c.Name(f"{p}_init")),
-                *((("order", c.Name(f"{p}_order")),) if s.shuffled else ()),
-                ("self_test", c.Name("soter_computes")),
-            )
+        tables = {row[0]: self._add_table(f"soter_{row[0]}_info", *row[1:]) for row in rows}
+        counted = ("components", "modules", "properties", "topics", "inputs")
+        program = c.named_fields(
+            name=c.String(p),
+            hash=c.String(s.program.sha256),
+            state_size=c.CallExpr("sizeof", (c.Name(f"{p}_state"),)),
+            **{name: c.Number(f"{len(getattr(s, name))}U") for name in counted},
+            **tables,
+            init=c.Name(f"{p}_init"),
+            **({"order": c.Name(f"{p}_order")} if s.shuffled else {}),
+            self_test=c.Name("soter_computes"),
         )
         self.found.append(c.VariableDef("soter_program", f"{p}_program", program, static=False))
         return self.found
 
-    def _table(self, type_: str, name: str, rows: list[c.CExpr], comment: str) -> c.CExpr:
+    def _add_table(self, type_: str, name: str, rows: list[c.CExpr], comment: str) -> c.CExpr:
         if not rows:
             return c.Name("NULL")
         full_name = f"{self.frame.prefix}_{name}"
@@ -157,111 +132,98 @@ class TableEmitter:
         self.found.append(c.VariableDef(type_, full_name, value, array=True, comment=comment))
         return c.Name(full_name)
 
-    def _component(self, x: Component) -> c.CExpr:
+    def _component_row(self, x: Component) -> c.CExpr:
         name = self.names[x.index]
         step = self.core.nodes.get(x.index) or self.core.plants.get(x.index)
         outputs = len(step.outputs) if step else 0
-        return c.Initializer(
-            (
-                ("name", c.String(x.name)),
-                ("role", c.Name(ROLES[x.role])),
-                ("period_ns", int_number(x.period_ns)),
-                ("phase_ns", int_number(x.phase_ns)),
-                ("module", c.Number(str(-1 if x.module is None else x.module))),
-                ("is_extern", c.Name("true" if x.extern and not self.frame.linked(x) else "false")),
-                ("judged", c.Name("true" if x.index in self.judged else "false")),
-                ("outputs", c.Number(f"{(1 << outputs) - 1}U")),
-                ("step", c.Name(f"{name}_step" if step else "NULL")),
-                ("failsafe", c.Name(f"{name}_failsafe" if x.failsafe else "NULL")),
-                *_held(x, name),
-                *((("happens", c.Name(f"{name}_happens")),) if x.index in self.moved else ()),
-                *((("overrun", c.Name(f"{name}_overrun")),) if x.index in self.overrun else ()),
-            )
+        return c.named_fields(
+            name=c.String(x.name),
+            role=c.Name(f"SOTER_ROLE_{x.role.upper()}"),
+            period_ns=int_number(x.period_ns),
+            phase_ns=int_number(x.phase_ns),
+            module=c.Number(str(-1 if x.module is None else x.module)),
+            is_extern=c.Name("true" if x.extern and not self.frame.is_linked(x) else "false"),
+            judged=c.Name("true" if x.index in self.judged else "false"),
+            outputs=c.Number(f"{(1 << outputs) - 1}U"),
+            step=c.Name(f"{name}_step" if step else "NULL"),
+            failsafe=c.Name(f"{name}_failsafe" if x.failsafe else "NULL"),
+            **_held_fields(x, name),
+            **({"happens": c.Name(f"{name}_happens")} if x.index in self.moved else {}),
+            **({"overrun": c.Name(f"{name}_overrun")} if x.index in self.overrun else {}),
         )
 
-    def _modules(self) -> list[c.CExpr]:
+    def _module_rows(self) -> list[c.CExpr]:
         return [
-            c.Initializer(
-                (
-                    ("name", c.String(m.name)),
-                    ("period_ns", int_number(m.period_ns)),
-                    ("dm", c.Number(f"{m.dm}U")),
-                    ("ac", c.Number(f"{m.ac}U")),
-                    ("sc", c.Number(f"{m.sc}U")),
-                    ("clean", c.Number(f"{m.clean}U")),
-                    ("forced", c.Name("true" if m.forced else "false")),
-                    ("start", c.Name("SOTER_AC" if m.forced == "ac" else "SOTER_SC")),
-                    ("decide", c.Name(f"{self.module_names[m.index]}_decide")),
-                )
+            c.named_fields(
+                name=c.String(m.name),
+                period_ns=int_number(m.period_ns),
+                dm=c.Number(f"{m.dm}U"),
+                ac=c.Number(f"{m.ac}U"),
+                sc=c.Number(f"{m.sc}U"),
+                clean=c.Number(f"{m.clean}U"),
+                forced=c.Name("true" if m.forced else "false"),
+                start=c.Name("SOTER_AC" if m.forced == "ac" else "SOTER_SC"),
+                decide=c.Name(f"{self.module_names[m.index]}_decide"),
             )
             for m in self.system.modules
         ]
 
-    def _properties(self) -> list[c.CExpr]:
+    def _property_rows(self) -> list[c.CExpr]:
         return [
-            c.Initializer(
-                (
-                    ("text", c.String(f"{q.kind} {q.text}")),
-                    ("violated", c.Name(f"{self.frame.prefix}_property_{q.index}")),
-                    *_when(q),
-                )
+            c.named_fields(
+                text=c.String(f"{q.kind} {q.text}"),
+                violated=c.Name(f"{self.frame.prefix}_property_{q.index}"),
+                **_contract_fields(q),
             )
             for q in self.system.properties
         ]
 
-    def _inputs(self) -> list[c.CExpr]:
+    def _input_rows(self) -> list[c.CExpr]:
         return [
-            c.Initializer(
-                (
-                    ("every_ns", int_number(d.every_ns)),
-                    ("draw", c.Name(f"{self.frame.prefix}_input_{i}")),
-                )
+            c.named_fields(
+                every_ns=int_number(d.every_ns),
+                draw=c.Name(f"{self.frame.prefix}_input_{i}"),
             )
             for i, d in enumerate(self.system.inputs)
         ]
 
-    def _topics(self) -> list[c.CExpr]:
+    def _topic_rows(self) -> list[c.CExpr]:
         state = c.Name(f"{self.frame.prefix}_state")
         return [
-            c.Initializer(
-                (
-                    ("name", c.String(t.name)),
-                    (
-                        "offset",
-                        c.CallExpr(
-                            "offsetof", (state, c.Name(f"topics.{self.frame.topic_field(t.index)}"))
-                        ),
-                    ),
-                    ("size", c.CallExpr("sizeof", (c.Name(self.frame.types.stored(t.type)),))),
-                    *(
-                        (("publish", c.Name(self.inputs.setter(t.index))),)
-                        if t.index in self.open_topics
-                        else ()
-                    ),
-                )
+            c.named_fields(
+                name=c.String(t.name),
+                offset=c.CallExpr(
+                    "offsetof", (state, c.Name(f"topics.{self.frame.topic_field(t.index)}"))
+                ),
+                size=c.CallExpr("sizeof", (c.Name(self.frame.types.stored_type(t.type)),)),
+                **(
+                    {"publish": c.Name(self.inputs.setter_name(t.index))}
+                    if t.index in self.open_topics
+                    else {}
+                ),
             )
             for t in self.system.topics
         ]
 
 
-def _when(p: Property) -> tuple[tuple[str, c.CExpr], ...]:
-    """The table fields of a contract: before or after whose step it is checked; else none."""
+def _contract_fields(p: Property) -> dict[str, c.CExpr]:
+    """The fields of a contract in its table row: when it is checked; none for other properties."""
     if p.component is None:
-        return ()
+        return {}
     when = "SOTER_BEFORE_STEP" if p.kind == "assumes" else "SOTER_AFTER_STEP"
-    return (("when", c.Name(when)), ("component", c.Number(f"{p.component}U")))
+    return {"when": c.Name(when), "component": c.Number(f"{p.component}U")}
 
 
-def _held(x: Component, name: str) -> tuple[tuple[str, c.CExpr], ...]:
-    """The table fields of a node whose steps take time; other nodes have none of them."""
+def _held_fields(x: Component, name: str) -> dict[str, c.CExpr]:
+    """The fields of a node whose steps take time in its table row; none for other nodes."""
     if x.held is None:
-        return ()
+        return {}
     least, most = x.takes_ns or (0, 0)
-    return (
-        ("least_ns", int_number(least)),
-        ("most_ns", int_number(most)),
-        ("stream", stream_key(f"{x.name}.takes")),
-        ("held", c.Number(f"{x.held}U")),
-        ("effect", c.Name(f"{name}_effect")),
-        ("exchange", c.Name(f"{name}_exchange")),
-    )
+    return {
+        "least_ns": int_number(least),
+        "most_ns": int_number(most),
+        "stream": stream_key(f"{x.name}.takes"),
+        "held": c.Number(f"{x.held}U"),
+        "effect": c.Name(f"{name}_effect"),
+        "exchange": c.Name(f"{name}_exchange"),
+    }

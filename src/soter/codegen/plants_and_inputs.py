@@ -14,9 +14,9 @@ from soter.codegen import c_tree as c
 from soter.codegen.body import BranchChoices, stream_key
 from soter.codegen.c_names import field_name
 from soter.codegen.c_types import float_number, int_number
-from soter.codegen.externs import received, to_ends
-from soter.codegen.faults import disturb, leaf_of, scaled
-from soter.codegen.state_access import CT, HEADER, OK, STEP_PARAMETERS, S, enabled, where
+from soter.codegen.externs import clean_answer, to_ends
+from soter.codegen.faults import disturb, leaf_place, scaled_draw
+from soter.codegen.state_access import CT, HEADER, OK, STEP_PARAMETERS, S, flag_is_set, place_text
 from soter.core import core
 from soter.core.core_walks import walk
 from soter.language.model.types import (
@@ -43,14 +43,14 @@ DRAW_PARAMETERS = (("void *", "state"), ("const void *", "answer"))
 
 
 def draw_arguments(stream: str) -> tuple[c.CExpr, ...]:
-    """The first arguments of a draw that a driver may answer."""
+    """The first C arguments of a draw that a driver may answer."""
     return (HEADER, c.Name("answer"), stream_key(stream))
 
 
-def uniform(
+def uniform_draw(
     stream: str, index: c.CExpr, low: float, high: float, *, chance: bool = False
 ) -> c.CExpr:
-    """Draws a float from [low, high]; with `chance` no driver may answer in its place."""
+    """The C that draws a float from [low, high]; with `chance` no driver may answer it."""
     bounds = (float_number(low), float_number(high))
     if chance:
         return c.CallExpr("soter_draw", (HEADER, stream_key(stream), index, *bounds))
@@ -58,7 +58,7 @@ def uniform(
 
 
 def in_order(drawn: list[tuple[str, c.CExpr]], name: str) -> tuple[list[c.CStmt], list[c.CExpr]]:
-    """Declares draws one after the other, since C leaves the order in an initializer open."""
+    """Declares draws one after the other, as C evaluates an initializer in any order."""
     if len(drawn) == 1:
         return [], [drawn[0][1]]
     names = [f"{name}_{k}" for k in range(len(drawn))]
@@ -69,23 +69,24 @@ def in_order(drawn: list[tuple[str, c.CExpr]], name: str) -> tuple[list[c.CStmt]
 
 
 def assemble(types: TypeTable, t: Type, values: object) -> c.CExpr:
-    """Builds a value of type `t` from an iterator over the C of its leaves, in order."""
+    """The C of a value of type `t`; `values` iterates over the C of its leaves, in order."""
     if isinstance(t, RecordType):
         return c.Initializer(
-            tuple((field_name(n), assemble(types, f, values)) for n, f in t.fields), types.stored(t)
+            tuple((field_name(n), assemble(types, f, values)) for n, f in t.fields),
+            types.stored_type(t),
         )
     if isinstance(t, ArrayType):
         items = c.Initializer(
             tuple((None, assemble(types, t.element, values)) for _ in range(t.size))
         )
-        return c.Initializer((("at", items),), types.stored(t))
+        return c.Initializer((("at", items),), types.stored_type(t))
     value = next(values)  # type: ignore[call-overload]
     assert isinstance(value, c.CExpr)
     return value
 
 
-def choosing(component: Component, statements: tuple[core.Stmt, ...]) -> list[c.CStmt]:
-    """Declares what choices are drawn by: their count in this step, and the release's number."""
+def declare_choices(component: Component, statements: tuple[core.Stmt, ...]) -> list[c.CStmt]:
+    """Declares what choices are drawn by: their count in this step, the release's number."""
     if not any(isinstance(n, core.Choose) for n in walk(statements)):
         return []
     since = c.Binary("-", CT, int_number(component.phase_ns)) if component.phase_ns else CT
@@ -101,20 +102,20 @@ PUBLISH_PARAMETERS = (("void *", "state"), ("const void *", "given"), ("int64_t"
 
 
 class InputEmitter:
-    """Emits, for each topic from outside, its setter, and its draw if it is an input."""
+    """Emits the setter of each topic from outside, and the draw of each input."""
 
     def __init__(self, system: System, frame: Frame) -> None:
         self.system = system
         self.frame = frame
         self.types = frame.types
 
-    def setter(self, topic: int) -> str:
-        """The name of the C function that sets a topic from the environment."""
+    def setter_name(self, topic: int) -> str:
+        """The name of the C function that sets a topic from outside."""
         return f"{self.frame.prefix}_publish_{topic}"
 
-    def publish(self, topic: Topic) -> c.FunctionDef:
-        """The C that stores a value of the topic's type and set, and refuses any other."""
-        stored = self.types.stored(topic.type)
+    def publish_function(self, topic: Topic) -> c.FunctionDef:
+        """The C function that stores a value of the topic's type and set, and refuses others."""
+        stored = self.types.stored_type(topic.type)
         stamp = c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(topic.index)))
         size = c.CallExpr("sizeof", (VALUE,))
         copied = c.CallExpr("memcpy", (c.Unary("&", VALUE), c.Name("given"), size))
@@ -124,29 +125,31 @@ class InputEmitter:
             c.Unused("fault"),
             c.Declare(stored, VALUE.text, None),
             c.Do(c.Cast("void", copied)),
-            *received(topic.type, VALUE),
+            *clean_answer(topic.type, VALUE),
             *to_ends(topic.type, topic.bounds, VALUE),
-            *self.types.check(topic.type, topic.bounds, VALUE),
+            *self.types.check_value(topic.type, topic.bounds, VALUE),
             c.IfStmt(c.Binary("!=", STATUS, OK), (c.Return(STATUS),)),
-            c.Assign(self.frame.topic(topic.index), VALUE),
+            c.Assign(self.frame.topic_place(topic.index), VALUE),
             c.Assign(stamp, TIME),
-            *self.frame.push_on(topic.index),
+            *self.frame.push_to_queues(topic.index),
             c.Return(OK),
         )
         doc = f"{topic.name}, from the environment"
-        return c.FunctionDef("soter_fault", self.setter(topic.index), PUBLISH_PARAMETERS, body, doc)
+        return c.FunctionDef(
+            "soter_fault", self.setter_name(topic.index), PUBLISH_PARAMETERS, body, doc
+        )
 
-    def draw(self, drive: InputDrive, name: str) -> c.FunctionDef:
-        """The C that changes an environment input: at random, or to what a driver answers."""
+    def draw_function(self, drive: InputDrive, name: str) -> c.FunctionDef:
+        """The C function that changes an input: at random, or to what a driver answers."""
         info = self.system.topics[drive.topic]
         index = c.Binary("/", CT, int_number(drive.every_ns))
         stream = f"input.{info.name}"
         before: Sequence[c.CStmt]
         if drive.values:
-            before, value = self._one_of(drive, stream, index)
+            before, value = self._draw_value(drive, stream, index)
         else:
             drawn = [
-                self._leaf(t, bound, ".".join((stream, *path)), index)
+                self._draw_leaf(t, bound, ".".join((stream, *path)), index)
                 for (path, t), bound in zip(leaves(info.type), info.bounds, strict=True)
             ]
             before, values = in_order(drawn, "drawn")
@@ -155,16 +158,16 @@ class InputEmitter:
         body = (
             self.frame.state_pointer(),
             *before,
-            c.Declare(self.types.stored(info.type), VALUE.text, value, const=True),
-            c.Do(c.Cast("void", c.CallExpr(self.setter(drive.topic), arguments))),
+            c.Declare(self.types.stored_type(info.type), VALUE.text, value, const=True),
+            c.Do(c.Cast("void", c.CallExpr(self.setter_name(drive.topic), arguments))),
             c.Unused("answer"),
         )
         return c.FunctionDef("void", name, DRAW_PARAMETERS, body, f"environment input {info.name}")
 
-    def _one_of(
+    def _draw_value(
         self, drive: InputDrive, stream: str, index: c.CExpr
     ) -> tuple[list[c.CStmt], c.CExpr]:
-        """Draws one of the declared values of an input."""
+        """Statements and C expression that draw one of the declared values of an input."""
         t = self.system.topics[drive.topic].type
         last = len(drive.values) - 1
         pick = c.CallExpr(
@@ -178,13 +181,13 @@ class InputEmitter:
         declared = c.Declare("int64_t", name.text, pick, const=True)
         return [declared, c.Unused(name.text)], self.types.to_store(t, value)
 
-    def _leaf(
+    def _draw_leaf(
         self, t: Type, bound: Bound | None, stream: str, index: c.CExpr
     ) -> tuple[str, c.CExpr]:
         """The C type of one leaf of an input, and the C that draws it."""
         if isinstance(t, FloatType):
             assert bound is not None
-            return "double", uniform(stream, index, bound.low, bound.high)
+            return "double", uniform_draw(stream, index, bound.low, bound.high)
         if isinstance(t, BoolType):
             drawn = c.CallExpr("soter_drawn_bool", (*draw_arguments(stream), index))
             return "uint8_t", c.Cast("uint8_t", drawn)
@@ -195,52 +198,54 @@ class InputEmitter:
             low, high = (int(bound.low), int(bound.high)) if bound else (t.low, t.high)
         limits = (int_number(low), int_number(high))
         drawn = c.CallExpr("soter_drawn_int", (*draw_arguments(stream), index, *limits))
-        return self.types.stored(t), self.types.to_store(t, drawn)
+        return self.types.stored_type(t), self.types.to_store(t, drawn)
 
 
-def plant_step(
+def plant_step_function(
     frame: Frame, component: Component, step: core.PlantStep, name: str
 ) -> c.FunctionDef:
     """The C function of one release of a plant."""
     once = core.If(step.span, core.Const(BOOL, True), step.integrate, ())
-    task = frame.task((*step.choose, once, *step.publish), step.states)
-    with frame.body.planned(None if step.extern else task, frame.certain(component, step)):
-        body = tuple(_step(frame, component, step, name))
+    task = frame.body_to_plan((*step.choose, once, *step.publish), step.states)
+    with frame.body.plan_body(None if step.extern else task, frame.sure_outputs(component, step)):
+        body = tuple(_step_statements(frame, component, step, name))
     assert component.plant is not None
-    doc = f"plant {component.plant.name}, {where(step.span)}"
+    doc = f"plant {component.plant.name}, {place_text(step.span)}"
     return c.FunctionDef("soter_fault", f"{name}_step", STEP_PARAMETERS, body, doc)
 
 
-def _step(frame: Frame, component: Component, step: core.PlantStep, name: str) -> list[c.CStmt]:
+def _step_statements(
+    frame: Frame, component: Component, step: core.PlantStep, name: str
+) -> list[c.CStmt]:
     first = c.Name("first")
-    is_first = c.Declare("bool", "first", enabled("SOTER_FIRST"), const=True)
+    is_first = c.Declare("bool", "first", flag_is_set("SOTER_FIRST"), const=True)
     code = (*step.choose, *step.integrate, *step.publish)
-    used = frame.body.used(code)
+    used = frame.body.names_used(code)
     frame.body.choices = BranchChoices(component.name, chance=step.extern)
-    body = frame.load(step.states, used)
-    body += _disturbances(frame, component, step, used)
+    body = frame.load_locals(step.states, used)
+    body += _draw_disturbances(frame, component, step, used)
     body += frame.declare_outputs(step.outputs)
-    body += choosing(component, code)
-    body += frame.body.block(step.choose, step.integrate, step.publish)
+    body += declare_choices(component, code)
+    body += frame.body.translate_block(step.choose, step.integrate, step.publish)
     if step.extern:
-        body += _new_states(frame, step, name)
+        body += _take_new_states(frame, step, name)
     elif step.integrate:
-        inner = frame.body.block(step.integrate, step.publish)
+        inner = frame.body.translate_block(step.integrate, step.publish)
         body.append(c.IfStmt(c.Unary("!", first), tuple(inner)))
-    body += frame.body.block(step.publish)
-    body += _noise(frame, component, step)
+    body += frame.body.translate_block(step.publish)
+    body += _add_noise(frame, component, step)
     body += disturb(frame, component, step.outputs)
     body += frame.check_outputs(step.outputs)
     unused = [c.Unused(n) for n in ("s", "flags", "answer", "published", "first")]
-    body = [frame.state_pointer(), is_first, *unused, *frame.sticky(body)]
-    body += frame.store(step.states)
-    body += frame.publish(step.outputs, gated=False)
+    body = [frame.state_pointer(), is_first, *unused, *frame.sticky_fault(body)]
+    body += frame.store_locals(step.states)
+    body += frame.publish_outputs(step.outputs, gated=False)
     body.append(c.Return(OK))
     frame.body.choices = None
     return body
 
 
-def _disturbances(
+def _draw_disturbances(
     frame: Frame, component: Component, step: core.PlantStep, used: set[str]
 ) -> list[c.CStmt]:
     if not any(n in used for n, _, _ in step.disturbances):
@@ -251,41 +256,41 @@ def _disturbances(
     statements: list[c.CStmt] = [c.Declare("int64_t", "began", began, const=True)]
     for number, (name, t, draws) in enumerate(step.disturbances):
         if name in used:
-            chance = [_draw(d, component, c.Name("began")) for d in draws]
-            drawn = [scaled(frame, component, number, e) for e in chance]
-            c_name = frame.body.local(name)
+            chance = [_disturbance_draw(d, component, c.Name("began")) for d in draws]
+            drawn = [scaled_draw(frame, component, number, e) for e in chance]
+            c_name = frame.body.c_name(name)
             before, values = in_order([("double", e) for e in drawn], f"drawn_{c_name}")
             value = assemble(frame.types, t, iter(values))
-            statements += [*before, c.Declare(frame.types.work(t), c_name, value, const=True)]
+            statements += [*before, c.Declare(frame.types.work_type(t), c_name, value, const=True)]
     return statements
 
 
-def _draw(draw: core.Draw, component: Component, at: c.CExpr) -> c.CExpr:
-    """Draws a disturbance; no driver may answer for one that is held or of an extern plant."""
+def _disturbance_draw(draw: core.Draw, component: Component, at: c.CExpr) -> c.CExpr:
+    """The C of a draw; no driver answers for what is held, or for an extern plant."""
     hold = draw.hold_ns if draw.hold_ns > 0 else component.period_ns
     index = c.Binary("/", at, int_number(hold))
     chance = draw.hold_ns > 0 or component.extern
-    return uniform(draw.stream, index, draw.low, draw.high, chance=chance)
+    return uniform_draw(draw.stream, index, draw.low, draw.high, chance=chance)
 
 
-def _new_states(frame: Frame, step: core.PlantStep, name: str) -> list[c.CStmt]:
-    """Takes the new states of an extern plant from the driver's answer, if there is one."""
+def _take_new_states(frame: Frame, step: core.PlantStep, name: str) -> list[c.CStmt]:
+    """Takes an extern plant's new states from the driver's answer, if there is one."""
     got = c.Name("got")
     statements: list[c.CStmt] = [c.Declare(f"const {name}_out *const ", "got", c.Name("answer"))]
     assigns = tuple(
-        c.Assign(c.Name(frame.body.local(x.name)), c.Arrow(got, field_name(x.cell.name)))
+        c.Assign(c.Name(frame.body.c_name(x.name)), c.Arrow(got, field_name(x.cell.name)))
         for x in step.states
     )
     statements.append(c.IfStmt(c.Binary("!=", got, c.Name("NULL")), assigns))
     return statements
 
 
-def _noise(frame: Frame, component: Component, step: core.PlantStep) -> list[c.CStmt]:
-    """Adds a drawn measurement error to each leaf of an output that has one."""
+def _add_noise(frame: Frame, component: Component, step: core.PlantStep) -> list[c.CStmt]:
+    """Adds a drawn measurement error to each output leaf that has one."""
     statements: list[c.CStmt] = []
     index = c.Binary("/", CT, int_number(component.period_ns))
     for output, leaf, draw in step.noise:
-        target = leaf_of(frame.body.out(output), step.outputs[output].type, leaf)
-        error = uniform(draw.stream, index, draw.low, draw.high, chance=component.extern)
+        target = leaf_place(frame.body.out_place(output), step.outputs[output].type, leaf)
+        error = uniform_draw(draw.stream, index, draw.low, draw.high, chance=component.extern)
         statements.append(c.Assign(target, c.Binary("+", target, error)))
     return statements

@@ -36,12 +36,12 @@ STEP_PARAMETERS = (
 )
 
 
-def where(span: Span) -> str:
+def place_text(span: Span) -> str:
     """The place of a declaration as `file.soter:12`, for the comment above its C function."""
     return f"{span.source.name.rsplit('/', 1)[-1]}:{span.line}"
 
 
-def enabled(flag: str) -> c.CExpr:
+def flag_is_set(flag: str) -> c.CExpr:
     """The C condition that `flag` is set among the flags of a step."""
     return c.Binary("!=", c.Binary("&", c.Name("flags"), c.Name(flag)), c.Number("0U"))
 
@@ -67,8 +67,8 @@ class Frame:
         unique = Unique()
         self._topic_fields = [unique(t.name) for t in system.topics]
 
-    def linked(self, component: Component) -> bool:
-        """Whether `component` is an extern node whose C is linked into the program."""
+    def is_linked(self, component: Component) -> bool:
+        """Whether a component is an extern node whose C is linked into the program."""
         bound = (component.binding or "").startswith("c:") and component.node is not None
         return component.extern and bound and component.index not in self.apart
 
@@ -78,100 +78,107 @@ class Frame:
         return c.Declare(f"{qualifier}{self.prefix}_state *const ", "s", c.Name("state"))
 
     def fault_pointer(self) -> list[c.CStmt]:
-        """Declares the step's sticky fault: `status` keeps the first one, `fault` points there."""
+        """Declares `status`, which keeps the step's first fault, and `fault`, a pointer to it."""
         return [
             c.Declare("soter_fault", "status", OK),
             c.Declare("soter_fault *const ", "fault", c.Unary("&", c.Name("status"))),
         ]
 
-    def sticky(self, code: list[c.CStmt], failed: tuple[c.CStmt, ...] = ()) -> list[c.CStmt]:
-        """Code that may fault, and then: run `failed`, return the fault. Other code stays as is."""
+    def sticky_fault(self, code: list[c.CStmt], failed: tuple[c.CStmt, ...] = ()) -> list[c.CStmt]:
+        """Adds to code that may fault what follows a fault: run `failed`, return the fault."""
         if not any(name in {"fault", "status"} for s in code for name in c.names_read(s)):
             return code
         ends = (*failed, c.Return(c.Name("status")))
         check = c.IfStmt(c.Binary("!=", c.Name("status"), OK), ends)
         return [*self.fault_pointer(), *code, check]
 
-    def topic(self, index: int) -> c.CExpr:
-        """The place of a topic's value in the state."""
+    def topic_place(self, index: int) -> c.CExpr:
+        """The C place of a topic's value in the state."""
         return c.Member(c.Arrow(S, "topics"), self.topic_field(index))
 
     def topic_field(self, index: int) -> str:
         """The name of a topic's member in the struct `topics`."""
         return self._topic_fields[index]
 
-    def member(self, owner: int, name: str) -> c.CExpr:
-        """The place of a component's local or plant state in the state struct."""
+    def member_place(self, owner: int, name: str) -> c.CExpr:
+        """The C place of a component's local or plant state."""
         return c.Member(c.Arrow(S, self.groups[owner]), field_name(name))
 
-    def cell(self, cell: core.Cell) -> c.CExpr:
-        """The place of any cell of Core in the state struct."""
+    def cell_place(self, cell: core.Cell) -> c.CExpr:
+        """The C place of a cell of Core."""
         if cell.kind == "topic":
-            return self.topic(cell.owner)
-        return self.member(cell.owner, cell.name)
+            return self.topic_place(cell.owner)
+        return self.member_place(cell.owner, cell.name)
 
-    def load(self, copies: tuple[core.LocalCopy, ...], used: set[str]) -> list[c.CStmt]:
-        """Copies cells into temporaries; a large one that is only read is read where it is."""
+    def load_locals(self, copies: tuple[core.LocalCopy, ...], used: set[str]) -> list[c.CStmt]:
+        """Copies cells into temporaries; a large one that is only read stays where it is."""
         declarations: list[c.CStmt] = []
         for copy in copies:
             if copy.name not in used and not copy.written:
                 continue
-            name, t, cell = self.body.local(copy.name), copy.type, self.cell(copy.cell)
+            name, t, cell = self.body.c_name(copy.name), copy.type, self.cell_place(copy.cell)
             if copy.name in self.body.in_place:
-                stored, changed = self.types.stored(t), self.body.is_changed(copy.name)
+                stored, changed = self.types.stored_type(t), self.body.changed_flag(copy.name)
                 declarations += [
                     c.Declare(f"{stored} *const ", name, c.address(cell)),
-                    c.Declare(stored, self.body.before(copy.name).text, None),
+                    c.Declare(stored, self.body.value_before(copy.name).text, None),
                     c.Declare("bool", changed.text, c.Name("false")),
                 ]
-            elif self.body.refers(copy.name):
-                pointer = f"const {self.types.stored(t)} *const "
+            elif self.body.is_pointer(copy.name):
+                pointer = f"const {self.types.stored_type(t)} *const "
                 declarations.append(c.Declare(pointer, name, c.address(cell)))
             else:
                 declarations.append(
-                    c.Declare(self.types.work(t), name, cell, const=not copy.written)
+                    c.Declare(self.types.work_type(t), name, cell, const=not copy.written)
                 )
         return declarations
 
-    def store(self, copies: tuple[core.LocalCopy, ...]) -> list[c.CStmt]:
-        """Commits the written temporaries to their cells."""
+    def store_locals(self, copies: tuple[core.LocalCopy, ...]) -> list[c.CStmt]:
+        """Commits the temporaries that were written to their cells."""
         commits: list[c.CStmt] = []
         for x in copies:
             if x.name in self.body.in_place:
-                _, *canonical = self.types.commit(self.cell(x.cell), x.type, S)
+                _, *canonical = self.types.commit_value(self.cell_place(x.cell), x.type, S)
                 if canonical:
-                    commits.append(c.IfStmt(self.body.is_changed(x.name), tuple(canonical)))
+                    commits.append(c.IfStmt(self.body.changed_flag(x.name), tuple(canonical)))
             elif x.written:
-                commits += self.types.commit(self.cell(x.cell), x.type, self.body.place(x.name))
+                commits += self.types.commit_value(
+                    self.cell_place(x.cell), x.type, self.body.place(x.name)
+                )
         return commits
 
-    def restore(self, copies: tuple[core.LocalCopy, ...]) -> list[c.CStmt]:
-        """Gives back their old values, after a fault, to locals that were changed in place."""
+    def restore_locals(self, copies: tuple[core.LocalCopy, ...]) -> list[c.CStmt]:
+        """After a fault, gives locals that were changed in place their old values again."""
         return [
             c.IfStmt(
-                self.body.is_changed(x.name),
-                (c.Assign(self.cell(x.cell), self.body.before(x.name)),),
+                self.body.changed_flag(x.name),
+                (c.Assign(self.cell_place(x.cell), self.body.value_before(x.name)),),
             )
             for x in copies
             if x.name in self.body.in_place
         ]
 
     def declare_outputs(self, outputs: tuple[core.Output, ...]) -> list[c.CStmt]:
-        """Declares `out_topic`, `has_topic` of outputs; a large one may share a local's place."""
+        """Declares `out_topic` and `has_topic` of outputs; a large one may use a local's place."""
         unique = Unique()
         topics = [self.system.topics[o.topic].name.rpartition(".")[2] for o in outputs]
         self.body.outputs = tuple(unique(name) for name in topics)
         declarations: list[c.CStmt] = []
         for k, output in enumerate(outputs):
-            if self.body.is_own(output_name(k)):
-                work, default = self.types.work(output.type), self.types.default(output.type)
+            if self.body.has_place(output_name(k)):
+                work, default = (
+                    self.types.work_type(output.type),
+                    self.types.default_constant(output.type),
+                )
                 declarations.append(c.Declare(work, f"out_{self.body.outputs[k]}", default))
             if k not in self.body.certain:
-                declarations.append(c.Declare("bool", self.body.has(k).text, c.Name("false")))
+                declarations.append(c.Declare("bool", self.body.has_flag(k).text, c.Name("false")))
         return declarations
 
-    def certain(self, component: Component, step: core.NodeStep | core.PlantStep) -> frozenset[int]:
-        """Numbers of the outputs that a step always publishes: they need no flag `has_topic`."""
+    def sure_outputs(
+        self, component: Component, step: core.NodeStep | core.PlantStep
+    ) -> frozenset[int]:
+        """Numbers of the outputs that a step always publishes, and that need no flag."""
         code = step.publish if isinstance(step, core.PlantStep) else step.body
         silent = {
             f.topic
@@ -182,25 +189,25 @@ class Frame:
         return frozenset(always_published(code) & spoken)
 
     def if_published(self, k: int, code: list[c.CStmt]) -> list[c.CStmt]:
-        """Code that runs if the step published output `k`."""
+        """The code, in an `if` unless the step always publishes output `k`."""
         if k in self.body.certain:
             return code
-        return [c.IfStmt(self.body.has(k), tuple(code))]
+        return [c.IfStmt(self.body.has_flag(k), tuple(code))]
 
-    def in_place(self, copies: tuple[core.LocalCopy, ...]) -> frozenset[str]:
+    def locals_in_place(self, copies: tuple[core.LocalCopy, ...]) -> frozenset[str]:
         """The large locals that a step changes where they lie, if this program does that."""
         if not self.works_in_place:
             return frozenset()
         return frozenset(x.name for x in copies if x.written and self.types.is_large(x.type))
 
-    def task(
+    def body_to_plan(
         self,
         code: tuple[core.Stmt, ...],
         copies: tuple[core.LocalCopy, ...],
         outputs: tuple[core.Output, ...] = (),
         read_later: tuple[str, ...] = (),
     ) -> PlannedBody:
-        """What a plan places of a step: its large locals, and outputs that nothing else writes."""
+        """The large locals and outputs of a step, for a plan of where they are stored."""
         large = self.types.is_large
         return PlannedBody(
             code=code,
@@ -212,16 +219,20 @@ class Frame:
         )
 
     def check_outputs(self, outputs: tuple[core.Output, ...]) -> list[c.CStmt]:
-        """Checks, as the gate does, that each output is finite and inside its topic's set."""
+        """Checks, as the gate does, that each output is finite and in its topic's set."""
         return [
             made
             for k, output in enumerate(outputs)
-            if (checks := self.types.check(output.type, tuple(output.bounds), self.body.out(k)))
+            if (
+                checks := self.types.check_value(
+                    output.type, tuple(output.bounds), self.body.out_place(k)
+                )
+            )
             for made in self.if_published(k, list(checks))
         ]
 
-    def publish(self, outputs: tuple[core.Output, ...], *, gated: bool) -> list[c.CStmt]:
-        """Reports outputs, and stores them; `gated`: only if enabled (OE; the paper's rule n1)."""
+    def publish_outputs(self, outputs: tuple[core.Output, ...], *, gated: bool) -> list[c.CStmt]:
+        """Reports and stores outputs; `gated`: stores them only if OE is set (rule n1)."""
         statements: list[c.CStmt] = []
         for k, output in enumerate(outputs):
             stamp = c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(output.topic)))
@@ -230,26 +241,26 @@ class Frame:
             published = c.Unary("*", c.Name("published"))
             note = c.Assign(published, c.Binary("|", published, bit))
             if gated:
-                stores = [c.IfStmt(enabled("SOTER_ENABLED"), tuple(stores))]
+                stores = [c.IfStmt(flag_is_set("SOTER_ENABLED"), tuple(stores))]
             statements += self.if_published(k, [note, *stores])
         return statements
 
     def _store_output(self, k: int, output: core.Output) -> list[c.CStmt]:
-        """Stores output `k` in its topic and its queues: one value, or each one of a burst."""
-        topic, out = self.topic(output.topic), self.body.out(k)
+        """Stores output `k` in its topic and queues: one value, or each value of a burst."""
+        topic, out = self.topic_place(output.topic), self.body.out_place(k)
         if not output.burst:
             value = self.types.to_store(output.type, out)
-            return [c.Assign(topic, value), *self.push_on(output.topic)]
+            return [c.Assign(topic, value), *self.push_to_queues(output.topic)]
         message = c.IndexExpr(c.Member(out, "items"), c.Name("message"))
-        each = (c.Assign(topic, message), *self.push_on(output.topic))
+        each = (c.Assign(topic, message), *self.push_to_queues(output.topic))
         return [c.For("message", c.Number("0"), c.Member(out, "len"), each)]
 
-    def pushed(self, topic: int) -> str:
-        """The name of the C function that puts a topic's value into the queues behind it."""
+    def push_name(self, topic: int) -> str:
+        """The name of the C function that puts a topic's value into its queues."""
         return f"{self.prefix}_pushed_{topic}"
 
-    def push_on(self, topic: int) -> list[c.CStmt]:
-        """Puts a topic's new value into the queues behind it, if there are any."""
+    def push_to_queues(self, topic: int) -> list[c.CStmt]:
+        """The C that puts a topic's new value into its queues, if it has any."""
         if not self.system.topics[topic].queues:
             return []
-        return [c.Do(c.CallExpr(self.pushed(topic), (S,)))]
+        return [c.Do(c.CallExpr(self.push_name(topic), (S,)))]

@@ -1,6 +1,6 @@
 """Plans which large temporaries have a place of their own, share one, or only point to one.
 
-Purpose: `plan_of` makes the `StoragePlan` of a body, which saves copies and stack in generated C:
+Purpose: `plan_storage` makes the `StoragePlan` of a body, which saves copies and stack in C:
 temporaries that refer to what nothing changes while they are read; those that share a place,
 because one is a copy of the other and they never differ while both are needed; idle stores.
 Non-goals: C (`codegen/body.py`), which values are large (`TypeTable.is_large`).
@@ -52,18 +52,18 @@ class StoragePlan:
     shared: frozenset[str] = frozenset()
     idle: frozenset[int] = frozenset()
 
-    def home(self, name: str) -> str:
-        """The name whose place, or a part of it, `name` has; its own if it shares none."""
+    def home_name(self, name: str) -> str:
+        """The name of the place that `name` shares; its own name if it shares none."""
         return self.homes[name][0] if name in self.homes else name
 
-    def whole(self, name: str) -> str:
-        """The temporary that `name` stands for after all references to whole ones."""
+    def whole_name(self, name: str) -> str:
+        """The temporary to which `name` refers, directly or through other references."""
         while name in self.same:
             name = self.same[name]
         return name
 
-    def reads(self, *roots: object) -> set[str]:
-        """The temporaries from which expressions read, through references too."""
+    def names_read(self, *roots: object) -> set[str]:
+        """The temporaries that expressions read, also through references."""
         names = {x.name for x in walk(roots) if isinstance(x, core.Var)}
         return {r for name in names for r in (name, *self.behind.get(name, ()))}
 
@@ -89,28 +89,28 @@ class PlannedBody:
 
 
 def is_place(e: core.Expr) -> bool:
-    """Whether an expression names a temporary or cell, or a part of one, and so has an address."""
+    """Whether an expression is a temporary, a cell, or a part of one, and so has an address."""
     while isinstance(e, (core.Field, core.Element)):
         e = e.target
     return isinstance(e, (core.Var, core.Get, core.Const))
 
 
 def has_address(e: core.Expr) -> bool:
-    """Whether `e` is a place, or a choice between places."""
+    """Whether an expression is a place, or a choice between places."""
     if isinstance(e, core.Select):
         return has_address(e.then) and has_address(e.otherwise)
     return is_place(e)
 
 
 def is_still_here(e: core.Expr, leave: str) -> bool:
-    """Whether `e` is `!leave`, not yet returned: C returns at once, so there it always holds."""
+    """Whether `e` is `!leave` (not returned yet), which C, as it returns at once, need not ask."""
     if not isinstance(e, core.Unary) or e.op != "not":
         return False
     return isinstance(e.operand, core.Var) and e.operand.name == leave
 
 
-def plan_of(task: PlannedBody) -> StoragePlan:
-    """The plan of a body."""
+def plan_storage(task: PlannedBody) -> StoragePlan:
+    """The storage plan of a body."""
     return _Planner(task).run()
 
 
@@ -127,12 +127,12 @@ class _Planner:
         self.same: dict[str, str] = {}
         """Reference to all of another temporary -> that temporary."""
         fixed = written_names(task.code)
-        self._declare(task.code, 0, fixed)
+        self._declare_large(task.code, 0, fixed)
         self.types.update(self.outputs)
         if task.result is not None and task.is_large(task.result.type):
             self.types[RESULT] = task.result.type
 
-    def _declare(self, block: tuple[core.Stmt, ...], depth: int, changed: set[str]) -> None:
+    def _declare_large(self, block: tuple[core.Stmt, ...], depth: int, changed: set[str]) -> None:
         for s in block:
             if isinstance(s, (core.Let, core.Call)):
                 t = s.value.type if isinstance(s, core.Let) else s.type
@@ -141,27 +141,27 @@ class _Planner:
                     self.declared[s.name] = depth, len(self.declared)
                     constant = isinstance(s, core.Let) and s.name not in changed
                     if constant and isinstance(s, core.Let) and has_address(s.value):
-                        self.candidates[s.name] = frozenset(_bases(s.value))
+                        self.candidates[s.name] = frozenset(_names_inside(s.value))
                         if isinstance(s.value, core.Var):
                             self.same[s.name] = s.value.name
             elif isinstance(s, core.If):
-                self._declare(s.then, depth + 1, changed)
-                self._declare(s.otherwise, depth + 1, changed)
+                self._declare_large(s.then, depth + 1, changed)
+                self._declare_large(s.otherwise, depth + 1, changed)
             elif isinstance(s, core.Loop):
-                self._declare(s.body, depth + 1, changed)
+                self._declare_large(s.body, depth + 1, changed)
 
     def run(self) -> StoragePlan:
-        """Makes as many temporaries references as possible, then shares as many places."""
+        """Makes as many temporaries as possible references, then lets places be shared."""
         references = dict(self.candidates)
         while True:
             same = {n: o for n, o in self.same.items() if n in references}
-            walker = _Walker(self.task, self.types, _through(references), same)
+            walker = _Walker(self.task, self.types, _all_bases(references), same)
             walker.run()
             if not walker.changed:
                 break
             for name in walker.changed:
                 del references[name]
-        homes = self._share(walker)
+        homes = self._shared_homes(walker)
         return StoragePlan(
             references=frozenset((*references, *self.task.given)),
             behind=walker.behind,
@@ -171,23 +171,23 @@ class _Planner:
             idle=frozenset(walker.idle),
         )
 
-    def _share(self, walker: _Walker) -> dict[str, tuple[str, Path]]:
-        """Joins copies that can share a whole place, then values with a field made of them."""
+    def _shared_homes(self, walker: _Walker) -> dict[str, tuple[str, Path]]:
+        """The place and path of each name that shares one: copies first, then parts of records."""
         groups: dict[str, dict[str, Path]] = {n: {n: ()} for n in self.types}
         for a, b in walker.copies:
             if self.types[a] == self.types[b]:
-                self._join(groups, walker, (a, ()), b)
+                self._join_groups(groups, walker, (a, ()), b)
         for a, field_, b in walker.parts:
             of = self.types[a]
             if isinstance(of, RecordType) and of.fields[field_][1] == self.types[b]:
-                self._join(groups, walker, (a, (of.fields[field_][0],)), b)
-        homes = {name: (self._home(group), group[name]) for name, group in groups.items()}
+                self._join_groups(groups, walker, (a, (of.fields[field_][0],)), b)
+        homes = {name: (self._home_name(group), group[name]) for name, group in groups.items()}
         return {name: home for name, home in homes.items() if home[0] != name}
 
-    def _join(
+    def _join_groups(
         self, groups: dict[str, dict[str, Path]], walker: _Walker, into: tuple[str, Path], name: str
     ) -> None:
-        """Puts `name`'s group at the place `into` of another group, unless they interfere."""
+        """Puts the group of `name` at the place `into` of another, unless they interfere."""
         outer, inner = groups[into[0]], groups[name]
         path = (*outer[into[0]], *into[1])
         if outer is inner or any((x, y) in walker.apart for x in outer for y in inner):
@@ -195,7 +195,7 @@ class _Planner:
         if path != inner[name]:
             if inner[name] or self.fixed & inner.keys():
                 return
-            if self._rank(self._home(outer)) > self._rank(self._home(inner)):
+            if self._rank(self._home_name(outer)) > self._rank(self._home_name(inner)):
                 return  # a part must be declared inside the scope of its whole
         elif path:
             return
@@ -203,11 +203,11 @@ class _Planner:
         for x in both:
             groups[x] = both
 
-    def _home(self, group: dict[str, Path]) -> str:
+    def _home_name(self, group: dict[str, Path]) -> str:
         return min((n for n, p in group.items() if not p), key=self._rank)
 
     def _rank(self, name: str) -> tuple[int, int, int]:
-        """Who gives the place first: the result, locals of the step, outputs, the outermost."""
+        """The rank by which a name gives its place: result, locals, outputs, outermost."""
         if name == RESULT:
             return 0, 0, 0
         if name in self.kept:
@@ -215,11 +215,11 @@ class _Planner:
         return (2, 0, 0) if name in self.outputs else (3, *self.declared[name])
 
 
-def _bases(e: core.Expr) -> Iterator[str]:
+def _names_inside(e: core.Expr) -> Iterator[str]:
     """Yields the temporaries that an expression with an address is, or is a part of."""
     if isinstance(e, core.Select):
-        yield from _bases(e.then)
-        yield from _bases(e.otherwise)
+        yield from _names_inside(e.then)
+        yield from _names_inside(e.otherwise)
         return
     while isinstance(e, (core.Field, core.Element)):
         e = e.target
@@ -227,7 +227,7 @@ def _bases(e: core.Expr) -> Iterator[str]:
         yield e.name
 
 
-def _through(references: Mapping[str, frozenset[str]]) -> dict[str, frozenset[str]]:
+def _all_bases(references: Mapping[str, frozenset[str]]) -> dict[str, frozenset[str]]:
     """For each reference, all temporaries that it may point into, directly or through others."""
     known: dict[str, frozenset[str]] = {}
     for name, bases in references.items():  # a reference stands behind those that it refers to
@@ -236,7 +236,7 @@ def _through(references: Mapping[str, frozenset[str]]) -> dict[str, frozenset[st
 
 
 class _Walker:
-    """Walks a body once, from its end to its beginning, and notes what interferes."""
+    """Walks a body once, from end to beginning, and notes which names interfere."""
 
     def __init__(
         self,
@@ -260,18 +260,18 @@ class _Walker:
         self._order: dict[int, int] = {}
         self._said: dict[str, int] = {}
         """Output -> number of the first statement that publishes it, or of the loop around it."""
-        self._number(task.code, None)
+        self._number_statements(task.code, None)
 
-    def _number(self, block: tuple[core.Stmt, ...], loop: int | None) -> None:
+    def _number_statements(self, block: tuple[core.Stmt, ...], loop: int | None) -> None:
         for s in block:
             at = self._order[id(s)] = len(self._order)
             if isinstance(s, core.Publish):
                 self._said.setdefault(output_name(s.output), at if loop is None else loop)
             elif isinstance(s, core.If):
-                self._number(s.then, loop)
-                self._number(s.otherwise, loop)
+                self._number_statements(s.then, loop)
+                self._number_statements(s.otherwise, loop)
             elif isinstance(s, core.Loop):
-                self._number(s.body, at if loop is None else loop)
+                self._number_statements(s.body, at if loop is None else loop)
 
     def run(self) -> None:
         """Walks the body and fills `idle`, `changed`, `copies`, `parts` and `apart`."""
@@ -279,108 +279,110 @@ class _Walker:
         live = {output_name(k) for k, _ in task.outputs} | {n for n, _ in task.kept}
         live |= self.tracked & {*task.read_later}
         if task.result is not None:
-            reads = self._reads(task.result)
+            reads = self._tracked_reads(task.result)
             if RESULT in self.tracked:
-                self._write(RESULT, task.result, {RESULT}, reads)
+                self._note_write(RESULT, task.result, {RESULT}, reads)
             live |= reads
         self._at_exit = set(live)
-        live = self._block(task.code, live) - self._said.keys()
+        live = self._before_block(task.code, live) - self._said.keys()
         kept = {n for n, _ in task.kept}
         self.apart |= {(a, b) for a in kept for b in kept if a != b}
         self.apart |= {(b, a) for a, b in self.apart}
         self.copies.reverse()
         self.parts.reverse()
 
-    def _reads(self, *roots: object) -> set[str]:
+    def _tracked_reads(self, *roots: object) -> set[str]:
         names = {x.name for x in walk(roots) if isinstance(x, core.Var)}
         names |= {x for name in names for x in self.behind.get(name, ())}
         return names & self.tracked
 
     # ------------------------------------------------------------ statements
 
-    def _block(self, block: tuple[core.Stmt, ...], live: set[str]) -> set[str]:
-        """The names needed before a block, from those needed after it (`live`)."""
+    def _before_block(self, block: tuple[core.Stmt, ...], live: set[str]) -> set[str]:
+        """The names that are needed before a block, from those needed after it (`live`)."""
         for s in reversed(block):
-            live = self._statement(s, live)
+            live = self._before_statement(s, live)
         return live
 
-    def _changed(self, s: core.Set | core.Push, live: set[str]) -> set[str]:
+    def _before_change(self, s: core.Set | core.Push, live: set[str]) -> set[str]:
         if isinstance(s, core.Set) and s.name == self.task.leave:
             return set(self._at_exit)
         if isinstance(s, core.Set) and not s.path:
-            return self._full(s, s.name, s.value, live)
-        return self._part(s.name, s.value, live, self._reads(s.path, s.value))
+            return self._before_whole(s, s.name, s.value, live)
+        return self._before_part(s.name, s.value, live, self._tracked_reads(s.path, s.value))
 
-    def _statement(self, s: core.Stmt, live: set[str]) -> set[str]:
+    def _before_statement(self, s: core.Stmt, live: set[str]) -> set[str]:
         if isinstance(s, core.If):
-            return self._if(s, live)
+            return self._before_if(s, live)
         if isinstance(s, core.Loop):
-            return self._loop(s, live)
+            return self._before_loop(s, live)
         at = self._order[id(s)]
         live = {x for x in live if self._said.get(x, -1) <= at}  # others are not published yet
         if isinstance(s, core.Let):
-            return self._full(s, s.name, s.value, live)
+            return self._before_whole(s, s.name, s.value, live)
         if isinstance(s, core.Call):
-            return self._call(s, live)
+            return self._before_call(s, live)
         if isinstance(s, (core.Set, core.Push)):
-            return self._changed(s, live)
+            return self._before_change(s, live)
         if isinstance(s, core.Publish):
             name = output_name(s.output)
             if s.limit is None:
-                return self._full(None, name, s.value, live)
-            return self._part(name, s.value, live, self._reads(s.value))
+                return self._before_whole(None, name, s.value, live)
+            return self._before_part(name, s.value, live, self._tracked_reads(s.value))
         if isinstance(s, core.Choose) and s.ages is not None:
-            return self._part(s.ages, None, live, set())
-        return live | self._reads(
+            return self._before_part(s.ages, None, live, set())
+        return live | self._tracked_reads(
             *(getattr(s, n) for n in ("condition", "operands", "limit") if hasattr(s, n))
         )
 
-    def _call(self, s: core.Call, live: set[str]) -> set[str]:
-        reads = self._reads(s.arguments)
+    def _before_call(self, s: core.Call, live: set[str]) -> set[str]:
+        reads = self._tracked_reads(s.arguments)
         if s.name in self.tracked:
-            self._write(s.name, None, live, reads)
+            self._note_write(s.name, None, live, reads)
         return (live - {s.name}) | reads
 
-    def _if(self, s: core.If, live: set[str]) -> set[str]:
+    def _before_if(self, s: core.If, live: set[str]) -> set[str]:
         if self.task.leave is not None and is_still_here(s.condition, self.task.leave):
-            return self._block(s.then, live)
-        then, otherwise = self._block(s.then, live), self._block(s.otherwise, live)
-        return then | otherwise | self._reads(s.condition)
+            return self._before_block(s.then, live)
+        then, otherwise = self._before_block(s.then, live), self._before_block(s.otherwise, live)
+        return then | otherwise | self._tracked_reads(s.condition)
 
-    def _loop(self, s: core.Loop, live: set[str]) -> set[str]:
+    def _before_loop(self, s: core.Loop, live: set[str]) -> set[str]:
         idle, changed = set(self.idle), set(self.changed)
         around = set(live)
         while True:  # a store that is idle in one round may be needed in the next
             self.idle = set(idle)
-            before = self._block(s.body, around)
+            before = self._before_block(s.body, around)
             if before <= around:
                 break
             around |= before
         self.changed |= changed
         return around
 
-    def _full(self, s: core.Stmt | None, name: str, value: core.Expr, live: set[str]) -> set[str]:
-        """Handles a new value for a whole place; for a small one only its reads count."""
-        reads = self._reads(value)
+    def _before_whole(
+        self, s: core.Stmt | None, name: str, value: core.Expr, live: set[str]
+    ) -> set[str]:
+        """The names needed before a write to all of a place, from those needed after it."""
+        reads = self._tracked_reads(value)
         if name not in self.tracked:
             return live | reads
         if s is not None and name not in live:
             self.idle.add(id(s))
             return live
         if name not in self.behind:
-            self._write(name, value, live, reads)
+            self._note_write(name, value, live, reads)
         return (live - {name}) | reads
 
-    def _part(
+    def _before_part(
         self, name: str, value: core.Expr | None, live: set[str], reads: set[str]
     ) -> set[str]:
-        """Handles a new value for a part of a place, the rest of which is still needed."""
+        """The names needed before a write to a part of a place; the rest is still needed."""
         if name not in self.tracked:
             return live | reads
-        self._write(name, value, live, reads - {name}, whole=False)
+        self._note_write(name, value, live, reads - {name}, whole=False)
         return live | reads | {name}
 
-    def _write(
+    def _note_write(
         self,
         name: str,
         value: core.Expr | None,
@@ -395,22 +397,22 @@ class _Walker:
         self.changed |= {r for r in needed if name in self.behind.get(r, ())}
         equal = {name}
         if whole and isinstance(value, core.Var):
-            source = self._whole(value)
+            source = self._whole_place(value)
             if source is not None:
                 equal.add(source)
                 if (name, source) not in self.copies:
                     self.copies.append((name, source))
         elif whole and isinstance(value, core.Make):
             for k, element in enumerate(value.elements):
-                source = self._whole(element)
+                source = self._whole_place(element)
                 if source is not None:
                     equal.add(source)
                     if (name, k, source) not in self.parts:
                         self.parts.append((name, k, source))
         self.apart |= {(name, x) for x in needed - equal}
 
-    def _whole(self, e: core.Expr) -> str | None:
-        """The name of the tracked place that `e` is the whole of, if there is one."""
+    def _whole_place(self, e: core.Expr) -> str | None:
+        """The tracked place that `e` is the whole of; None if there is none."""
         if not isinstance(e, core.Var):
             return None
         name = e.name

@@ -14,25 +14,25 @@ from typing import TYPE_CHECKING
 from soter.codegen import c_tree as c
 from soter.codegen import conditions, decisions, faults, kernel_tables, nodes, plants_and_inputs
 from soter.codegen.body import Body
-from soter.codegen.c_names import FileNames, Unique, no_linked_name, program_prefix
+from soter.codegen.c_names import FileNames, Unique, program_prefix, why_not_linkable
 from soter.codegen.c_printer import print_file
 from soter.codegen.c_types import TypeTable
 from soter.codegen.externs import (
     LINKED,
     answer_fields,
-    call_of_function,
-    call_of_node,
-    interface,
+    clean_answer,
+    extern_declarations,
+    function_caller,
     is_linked,
-    linked_functions,
+    linked_bindings,
     linked_name,
-    received,
-    struct,
-    symbol_of,
+    linked_symbol,
+    node_caller,
+    struct_def,
 )
 from soter.codegen.kernel_tables import TableEmitter
 from soter.codegen.plants_and_inputs import InputEmitter
-from soter.codegen.state_access import Frame, where
+from soter.codegen.state_access import Frame, place_text
 from soter.codegen.value_locations import MADE
 from soter.core.layout import Struct, arrange, state_layout
 from soter.core.steps import lower
@@ -49,18 +49,9 @@ if TYPE_CHECKING:
     from soter.language.model.types import Type
 
 COMPONENT_NAMES = (
-    "_step",
-    "_failsafe",
-    "_in",
-    "_out",
-    "_local",
-    "_state",
-    "_move",
-    "_effect",
-    "_exchange",
-    "_happens",
-    LINKED,
-)
+    "_step", "_failsafe", "_in", "_out", "_local", "_state", "_move", "_effect", "_exchange",
+    "_happens", LINKED,
+)  # fmt: skip
 MODULE_NAMES = ("_ttf", "_safer", "_decide")
 OWN_NAMES = (
     "state", "topics", "program", "init", "components", "modules", "properties", "topics_info",
@@ -92,7 +83,7 @@ class Unit:
     """The decisions that are counted; none where nobody watches (`codegen/conditions.py`)."""
 
 
-def own_names(system: System) -> tuple[str, ...]:
+def fixed_names(system: System) -> tuple[str, ...]:
     """Names, without prefix, that generated files declare whatever names the program uses."""
     properties = [f"property_{p.index}" for p in system.properties]
     inputs = [f"input_{i}" for i in range(len(system.inputs))]
@@ -109,10 +100,10 @@ def generate(
     branches: bool = False,
     apart: frozenset[int] = frozenset(),
 ) -> Unit:
-    """Generates the C of a system; with `branches` its nodes report which branches they take.
+    """The C of a system; with `branches` its nodes report which branches they take.
 
     `apart`: indices of extern nodes in another process: their C is not linked, and all of their
-    answers is checked, lengths included. SoterError X009 for names of C functions that clash.
+    answers are checked, lengths included. SoterError X009 for names of C functions that clash.
     """
     builder = UnitBuilder(system, core or lower(system), prefix)
     builder.frame.apart = apart
@@ -129,11 +120,13 @@ class UnitBuilder:
         stem = PurePath(system.program.path).stem or "program"
         self.prefix = prefix or program_prefix(stem)
         self.layout = state_layout(system)
-        unique = FileNames(self.prefix, (*own_names(system), *self.names_of_more(system)))
+        unique = FileNames(self.prefix, (*fixed_names(system), *self.added_names(system)))
         self.types = TypeTable(unique)
-        self.names = {x.index: unique.family(x.name, COMPONENT_NAMES) for x in system.components}
+        self.names = {
+            x.index: unique.new_family(x.name, COMPONENT_NAMES) for x in system.components
+        }
         self.module_names = {
-            m.index: unique.family(
+            m.index: unique.new_family(
                 m.name, (*MODULE_NAMES, *(f"_good_{k}" for k, _ in enumerate(m.goods)))
             )
             for m in system.modules
@@ -142,12 +135,13 @@ class UnitBuilder:
         members("topics")
         self.groups = {g.owner: members(g.name) for g in self.layout.groups if g.owner >= 0}
         self.functions = {
-            f.name: (unique.family(f"{f.name}_fn", (LINKED,)), f.can_fault) for f in core.functions
+            f.name: (unique.new_family(f"{f.name}_fn", (LINKED,)), f.can_fault)
+            for f in core.functions
         }
         self.body = Body(
             self.types,
             self.functions,
-            lambda cell: self.frame.cell(cell),  # noqa: PLW0108 - `frame` is made just below
+            lambda cell: self.frame.cell_place(cell),  # noqa: PLW0108 - `frame` is made just below
         )
         self.frame = Frame(system, self.types, self.body, self.prefix, self.groups)
         self.inputs = InputEmitter(system, self.frame)
@@ -155,18 +149,18 @@ class UnitBuilder:
         self.c_sources: list[str] = []
 
     def run(self) -> Unit:
-        """Generates the header, the source and what a driver must know."""
+        """The unit: header, source, and what a driver must know."""
         for topic in self.system.topics:
-            self.types.stored(topic.type)  # declared names first: equal records share a struct
-        functions = self._functions()
-        steps = self._steps()
-        init = kernel_tables.init(self.frame, f"{self.prefix}_init")
+            self.types.stored_type(topic.type)  # declared names first: equal records share a struct
+        functions = self._function_definitions()
+        steps = self._step_definitions()
+        init = kernel_tables.init_function(self.frame, f"{self.prefix}_init")
         tables = TableEmitter(
             self.core, self.frame, self.inputs, self.names, self.module_names
         ).tables()
-        more = self.more()
-        externs = interface(self.frame, self.core, self.names)
-        state = self._state()
+        more = self.added_definitions()
+        externs = extern_declarations(self.frame, self.core, self.names)
+        state = self._state_definitions()
         path, hash_ = self.system.program.path, self.system.program.sha256
         about = (
             f"{self.prefix}: system {self.system.name}, from {PurePath(path).name}",
@@ -193,7 +187,7 @@ class UnitBuilder:
                 c.Include(f"{self.prefix}.h"),
                 *((c.Include("soter_faults.h"),) if self.system.faults else ()),
                 *((c.Include("string.h", system=True),) if copied else ()),
-                self._size_check(),
+                self._size_check_function(),
                 *((c.Section("constants"), *self.types.constants) if self.types.constants else ()),
                 *((c.Section("helpers"), *self.types.helpers) if self.types.helpers else ()),
                 *((c.Section("functions"), *functions) if functions else ()),
@@ -207,7 +201,7 @@ class UnitBuilder:
         )
         self._require_names((*header.items, *source.items))
         answers = {x.index: arrange(answer_fields(x)) for x in self.system.components if x.extern}
-        text, counted = conditions.printed(source, f'#include "{self.prefix}.h"\n')
+        text, counted = conditions.print_with_counters(source, f'#include "{self.prefix}.h"\n')
         return Unit(
             prefix=self.prefix,
             header=print_file(header),
@@ -217,7 +211,7 @@ class UnitBuilder:
             c_sources=tuple(dict.fromkeys(self.c_sources)),
             names=dict(self.names),
             topics=tuple(
-                (self.types.stored(t.type), self.frame.topic_field(t.index))
+                (self.types.stored_type(t.type), self.frame.topic_field(t.index))
                 for t in self.system.topics
             ),
             branches=tuple(self.frame.branches or ()),
@@ -226,7 +220,7 @@ class UnitBuilder:
         )
 
     def _require_names(self, items: tuple[c.CTop, ...]) -> None:
-        """Raises SoterError X009 if a linked function's name is reserved or already taken."""
+        """Raises SoterError X009 if a linked function's name is reserved or taken."""
         own = {
             name
             for x in items
@@ -234,12 +228,12 @@ class UnitBuilder:
             for name in (getattr(x, "name", ""),)
         }
         problems = []
-        for binding, span, node in linked_functions(self.frame, self.core):
-            name = symbol_of(binding)
+        for binding, span, node in linked_bindings(self.frame, self.core):
+            name = linked_symbol(binding)
             why = (
                 f"the code that is generated of `{self.prefix}` has something of that name"
                 if name in own
-                else no_linked_name(name, node=node)
+                else why_not_linkable(name, node=node)
             )
             if why:
                 message = f"`{binding}` cannot be linked: the function's name is impossible"
@@ -249,7 +243,7 @@ class UnitBuilder:
         if problems:
             raise SoterError(tuple(problems))
 
-    def _size_check(self) -> c.FunctionDef:
+    def _size_check_function(self) -> c.FunctionDef:
         state_type = f"{self.prefix}_state"
         return c.FunctionDef(
             "void",
@@ -270,140 +264,148 @@ class UnitBuilder:
             inline=True,
         )
 
-    def more(self) -> list[c.CTop]:
-        """C that a kind of program adds at the end (`explore/model/explorer_model.py`)."""
+    def added_definitions(self) -> list[c.CTop]:
+        """The C that a subclass adds at the end (`explore/model/explorer_model.py`)."""
         return []
 
     @staticmethod
-    def names_of_more(_system: System) -> tuple[str, ...]:
-        """Names, without prefix, of what `more` declares: the program's own must differ."""
+    def added_names(_system: System) -> tuple[str, ...]:
+        """Names, without prefix, in `added_definitions`, which the program's must avoid."""
         return ()
 
     # ------------------------------------------------------------ functions and steps
 
-    def _functions(self) -> list[c.CTop]:
+    def _function_definitions(self) -> list[c.CTop]:
         found: list[c.CTop] = [
-            call_of_function(self.frame, f, self.functions[f.name][0])
+            function_caller(self.frame, f, self.functions[f.name][0])
             for f in self.core.functions
             if is_linked(f)
         ]
-        return found + [made for f in self.core.functions for made in self.function(f)]
+        return found + [made for f in self.core.functions for made in self.function_definitions(f)]
 
-    def function(self, f: Function) -> list[c.CTop]:
+    def function_definitions(self, f: Function) -> list[c.CTop]:
         """The C of a function; subclasses may change it (`campaign/compiled_unit.py`)."""
-        return [self._function(f)]
+        return [self._function_definition(f)]
 
-    def _function(self, f: Function) -> c.FunctionDef:
+    def _function_definition(self, f: Function) -> c.FunctionDef:
         name, faults = self.functions[f.name]
-        parameters = self.body.parameters(f.parameters)
-        result = self.types.work(f.result_type)
+        parameters = self.body.c_parameters(f.parameters)
+        result = self.types.work_type(f.result_type)
         if self.types.is_large(f.result_type):
             parameters.append((f"{result} *", "made"))
             result = "void"
         if faults:
             parameters.append(("soter_fault *", "fault"))
-        doc = f"{f.source_name}, {where(f.span)}"
+        doc = f"{f.source_name}, {place_text(f.span)}"
         if f.result is None:
             return self._extern_function(f, name, tuple(parameters), result, doc)
-        unused = [c.Unused(self.body.local(p.name)) for p in f.parameters]
+        unused = [c.Unused(self.body.c_name(p.name)) for p in f.parameters]
         if faults:
             unused.append(c.Unused("fault"))
-        body = (*unused, *self.body.function(f, f.result))
+        body = (*unused, *self.body.function_statements(f, f.result))
         return c.FunctionDef(result, name, tuple(parameters), body, doc, inline=True)
 
     def _extern_function(
         self, f: Function, name: str, parameters: tuple[tuple[str, str], ...], result: str, doc: str
     ) -> c.FunctionDef:
-        """Calls a linked C function; one that is bound to something else only raises a fault.
+        """Calls a linked C function; any other extern function only raises a fault.
 
         It takes and returns values, however large (docs/language.md).
         """
         t = f.result_type
         large = self.types.is_large(t)
-        gives = self._gives
         if is_linked(f):
             assert f.source is not None
             self.c_sources.append(f.source.split(":")[1])
             arguments = tuple(
                 c.Unary("*", parameter) if self.types.is_large(p.type) else parameter
                 for p in f.parameters
-                for parameter in (c.Name(self.body.local(p.name)),)
+                for parameter in (c.Name(self.body.c_name(p.name)),)
             )
             parameters = (*parameters[:-1], ("soter_fault *", "outer"))
             got, status = (MADE if large else c.Name("got")), c.Name("status")
             failed = (
                 c.Do(c.CallExpr("soter_raise", (c.Name("outer"), status))),
-                *gives(t, self.types.default(t)),
+                *self._return_statements(t, self.types.default_constant(t)),
             )
             call = c.CallExpr(linked_name(name), arguments)
-            taken = c.Assign(got, call) if large else c.Declare(self.types.work(t), "got", call)
+            taken = (
+                c.Assign(got, call) if large else c.Declare(self.types.work_type(t), "got", call)
+            )
             ends = () if large else (c.Return(got),)
             body: tuple[c.CStmt, ...] = (
                 c.Declare("soter_fault", "status", c.Name("SOTER_OK")),
                 c.Declare("soter_fault *const ", "fault", c.Unary("&", status)),
                 c.Unused("fault"),
                 taken,
-                *received(t, got),
+                *clean_answer(t, got),
                 c.IfStmt(c.Binary("!=", status, c.Name("SOTER_OK")), failed),
                 *ends,
             )
         else:
             body = (
-                *(c.Unused(self.body.local(p.name)) for p in f.parameters),
+                *(c.Unused(self.body.c_name(p.name)) for p in f.parameters),
                 c.Do(c.CallExpr("soter_raise", (c.Name("fault"), c.Name("SOTER_EXTERN_FAULT")))),
-                *gives(t, self.types.default(t)),
+                *self._return_statements(t, self.types.default_constant(t)),
             )
         return c.FunctionDef(result, name, parameters, body, doc, inline=True)
 
-    def _gives(self, t: Type, value: c.CExpr) -> tuple[c.CStmt, ...]:
+    def _return_statements(self, t: Type, value: c.CExpr) -> tuple[c.CStmt, ...]:
         """The last statements of a function that returns `value`."""
         return (c.Assign(MADE, value),) if self.types.is_large(t) else (c.Return(value),)
 
-    def _given_topics(self) -> set[int]:
+    def _filled_topics(self) -> set[int]:
         """Indices of the topics that get a value while the system runs."""
         topics = {o.topic for step in self.core.nodes.values() for o in step.outputs}
         topics |= {o.topic for step in self.core.plants.values() for o in step.outputs}
         return topics | set(self.open_topics)
 
-    def _steps(self) -> list[c.CTop]:
-        filled_topics = self._given_topics()
-        disturbed = faults.definitions(self.frame, self.names)
+    def _step_definitions(self) -> list[c.CTop]:
+        filled_topics = self._filled_topics()
+        disturbed = faults.fault_definitions(self.frame, self.names)
         queued = [t for t in self.system.topics if t.queues and t.index in filled_topics]
-        definitions: list[c.CTop] = [*disturbed, *(nodes.push(self.frame, t) for t in queued)]
-        definitions += [self.inputs.publish(self.system.topics[i]) for i in self.open_topics]
+        definitions: list[c.CTop] = [
+            *disturbed,
+            *(nodes.push_function(self.frame, t) for t in queued),
+        ]
+        definitions += [
+            self.inputs.publish_function(self.system.topics[i]) for i in self.open_topics
+        ]
         for x in self.system.components:
             if x.index in self.core.plants:
                 plant, name = self.core.plants[x.index], self.names[x.index]
-                definitions.append(plants_and_inputs.plant_step(self.frame, x, plant, name))
+                definitions.append(
+                    plants_and_inputs.plant_step_function(self.frame, x, plant, name)
+                )
             elif x.index in self.core.nodes:
-                definitions += self._node(x, self.core.nodes[x.index])
+                definitions += self._node_definitions(x, self.core.nodes[x.index])
         if self.core.decisions:
-            definitions.append(decisions.switch(self.frame))
+            definitions.append(decisions.switch_function(self.frame))
         for d in self.core.decisions:
-            definitions += decisions.decision(self.frame, d, self.module_names[d.module])
+            definitions += decisions.decision_functions(self.frame, d, self.module_names[d.module])
         for p, predicate in zip(self.system.properties, self.core.properties, strict=True):
-            definitions.append(self.property(p, predicate))
+            definitions.append(self.property_function(p, predicate))
         for i, drive in enumerate(self.system.inputs):
-            definitions.append(self.inputs.draw(drive, f"{self.prefix}_input_{i}"))
+            definitions.append(self.inputs.draw_function(drive, f"{self.prefix}_input_{i}"))
         return definitions
 
-    def _node(self, x: Component, step: NodeStep) -> Iterator[c.CTop]:
+    def _node_definitions(self, x: Component, step: NodeStep) -> Iterator[c.CTop]:
         name = self.names[x.index]
-        if self.frame.linked(x):
-            yield call_of_node(x, name)
-        yield nodes.node_step(self.frame, x, step, name)
-        failsafe = nodes.failsafe(self.frame, x, name)
+        if self.frame.is_linked(x):
+            yield node_caller(x, name)
+        yield nodes.node_step_function(self.frame, x, step, name)
+        failsafe = nodes.failsafe_function(self.frame, x, name)
         if failsafe is not None:
             yield failsafe
         if x.held is not None:
-            yield nodes.effect(self.frame, x, step.outputs, name)
-            yield nodes.exchange(self.frame, x, step.outputs, name)
-        if x.binding and self.frame.linked(x):
+            yield nodes.effect_function(self.frame, x, step.outputs, name)
+            yield nodes.exchange_function(self.frame, x, step.outputs, name)
+        if x.binding and self.frame.is_linked(x):
             self.c_sources.append(x.binding.split(":")[1])
 
-    def property(self, p: Property, predicate: Predicate) -> c.FunctionDef:
+    def property_function(self, p: Property, predicate: Predicate) -> c.FunctionDef:
         """The C function that says whether a property is violated."""
-        return decisions.predicate(
+        return decisions.predicate_function(
             self.frame,
             predicate,
             f"{self.prefix}_property_{p.index}",
@@ -414,7 +416,7 @@ class UnitBuilder:
 
     # ------------------------------------------------------------ the state struct
 
-    def _state(self) -> list[c.CTop]:
+    def _state_definitions(self) -> list[c.CTop]:
         definitions: list[c.CTop] = []
         members: list[c.StructMember] = [c.StructMember("soter_header", "header")]
         n = self.layout
@@ -440,7 +442,9 @@ class UnitBuilder:
                 type_name = f"{self.names[g.owner]}_{kind}"
                 member = self.groups[g.owner]
                 text = f"{'state' if kind == 'state' else 'locals'} of {g.name}"
-            definitions.append(struct(self.frame, g.struct, type_name, text, topics=g.owner < 0))
+            definitions.append(
+                struct_def(self.frame, g.struct, type_name, text, topics=g.owner < 0)
+            )
             members.append(c.StructMember(type_name, member))
         definitions.append(c.StructDef(f"{self.prefix}_state", tuple(members)))
         return definitions

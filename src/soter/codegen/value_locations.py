@@ -13,8 +13,8 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from soter.codegen import c_tree as c
-from soter.codegen.c_names import field_name, local
-from soter.codegen.storage_plan import RESULT, PlannedBody, StoragePlan, has_address, plan_of
+from soter.codegen.c_names import field_name, local_name
+from soter.codegen.storage_plan import RESULT, PlannedBody, StoragePlan, has_address, plan_storage
 from soter.core import core
 from soter.core.core import output_name
 from soter.core.core_walks import walk
@@ -33,9 +33,9 @@ STORED = (core.Get, core.Field, core.Element, core.Fact)
 
 
 def has_known_result(op: str, value: core.Expr, other: core.Expr) -> bool:
-    """Whether a compiler could tell the result of an int comparison, and would warn of it.
+    """Whether a compiler knows the result of an int comparison, and would warn of it.
 
-    So it is for a stored value against a constant at or beyond the limits of its storage, and
+    It does for a stored value against a constant at or beyond the limits of its storage, and
     perhaps for a choice between constants.
     """
     if isinstance(value, core.Select):
@@ -52,9 +52,9 @@ def has_known_result(op: str, value: core.Expr, other: core.Expr) -> bool:
 
 
 def compared_twice(condition: core.Expr) -> list[core.Expr]:
-    """Stored values that parts of a condition compare with different constants by == or !=.
+    """Stored values that a condition compares with different constants by == or !=.
 
-    A compiler knows the result where no value equals all of the constants, and warns.
+    A compiler knows the result if no value equals all of the constants, and warns.
     """
     comparisons: list[tuple[core.Expr, object]] = []
     for part in _equalities(condition):
@@ -83,7 +83,7 @@ MADE = c.Unary("*", c.Name("made"))
 
 
 class Places:
-    """Emits where values lie, for one body after the other; `planned` begins one."""
+    """Emits where values lie, for one body after the other; `plan_body` begins one."""
 
     def __init__(self, types: TypeTable) -> None:
         self.types = types
@@ -97,22 +97,22 @@ class Places:
         self._given = 0
 
     def expr(self, e: core.Expr) -> c.CExpr:
-        """Translates a pure Core expression (`Body`)."""
+        """The C of a Core expression (`Body`)."""
         raise NotImplementedError
 
-    def local(self, name: str) -> str:
+    def c_name(self, name: str) -> str:
         """The C name of a temporary."""
-        return local(name, self.types.prefix)
+        return local_name(name, self.types.prefix)
 
     @contextmanager
-    def planned(
+    def plan_body(
         self,
         task: PlannedBody | None,
         certain: frozenset[int] = frozenset(),
         in_place: frozenset[str] = frozenset(),
     ) -> Iterator[None]:
-        """Plans `task` while its body is emitted; `certain`: outputs that are always published."""
-        self.plan = StoragePlan() if task is None else plan_of(task)
+        """Plans a body's storage in this block; `certain`: outputs that are always published."""
+        self.plan = StoragePlan() if task is None else plan_storage(task)
         self.certain = certain
         self.in_place = in_place
         self._given = 0
@@ -123,78 +123,81 @@ class Places:
             self.certain = frozenset()
             self.in_place = frozenset()
 
-    def used(self, root: object) -> set[str]:
-        """Names of temporaries that code below `root` reads, without what idle stores read."""
+    def names_used(self, root: object) -> set[str]:
+        """The temporaries that code below `root` reads; what idle stores read does not count."""
         read_counts = Counter(x.name for x in walk(root) if isinstance(x, core.Var))
         for s in walk(root):
             if id(s) in self.plan.idle:
                 read_counts.subtract(x.name for x in walk(s) if isinstance(x, core.Var))
         return {name for name, times in read_counts.items() if times > 0}
 
-    def refers(self, name: str) -> bool:
-        """Whether a temporary is a C pointer to where its value lies."""
+    def is_pointer(self, name: str) -> bool:
+        """Whether a temporary is a C pointer to the place of its value."""
         return name in self.plan.references or name in self.in_place
 
-    def is_own(self, name: str) -> bool:
+    def has_place(self, name: str) -> bool:
         """Whether a name has a place of its own."""
-        return self.plan.home(name) == name
+        return self.plan.home_name(name) == name
 
     def place(self, name: str) -> c.CExpr:
-        """The C place where a temporary, an output or the result lies."""
+        """The C place of a temporary, an output or the result."""
         home, path = self.plan.homes.get(name, (name, ()))
-        place = self._own(home)
+        place = self._own_place(home)
         for part in path:
             place = c.Member(place, field_name(part))
         return place
 
-    def _own(self, name: str) -> c.CExpr:
+    def _own_place(self, name: str) -> c.CExpr:
         if name == RESULT:
             return MADE
         for k, output in enumerate(self.outputs):
             if name == output_name(k):
                 return c.Name(f"out_{output}")
-        c_name = c.Name(self.local(name))
-        return c.Unary("*", c_name) if self.refers(name) else c_name
+        c_name = c.Name(self.c_name(name))
+        return c.Unary("*", c_name) if self.is_pointer(name) else c_name
 
     # ------------------------------------------------------------ locals in place
 
-    def is_changed(self, name: str) -> c.Name:
+    def changed_flag(self, name: str) -> c.Name:
         """The C flag that says whether a step has changed a local in place."""
-        return c.Name(f"given_{self.local(name)}_changed")
+        return c.Name(f"given_{self.c_name(name)}_changed")
 
-    def before(self, name: str) -> c.Name:
-        """The C variable that has the value of such a local from before the change."""
-        return c.Name(f"given_{self.local(name)}_before")
+    def value_before(self, name: str) -> c.Name:
+        """The C variable with the value that such a local had before the step."""
+        return c.Name(f"given_{self.c_name(name)}_before")
 
-    def changing(self, s: core.Stmt, made: list[c.CStmt]) -> list[c.CStmt]:
-        """Code `made` of `s`, after code that saves, the first time, a local changed in place."""
+    def with_saved_value(self, s: core.Stmt, made: list[c.CStmt]) -> list[c.CStmt]:
+        """The C of `s`, behind code that saves a local before its first change in place."""
         name = output_name(s.output) if isinstance(s, core.Publish) else getattr(s, "name", None)
-        home = self.plan.home(name) if isinstance(name, str) else ""
+        home = self.plan.home_name(name) if isinstance(name, str) else ""
         if home not in self.in_place or all(isinstance(x, c.Unused) for x in made):
             return made
-        changed = self.is_changed(home)
-        aside = (c.Assign(self.before(home), self.place(home)), c.Assign(changed, c.Name("true")))
+        changed = self.changed_flag(home)
+        aside = (
+            c.Assign(self.value_before(home), self.place(home)),
+            c.Assign(changed, c.Name("true")),
+        )
         return [c.IfStmt(c.Unary("!", changed), aside), *made]
 
     # ------------------------------------------------------------ calls
 
-    def parameters(self, parameters: tuple[core.Parameter, ...]) -> list[tuple[str, str]]:
-        """C types and names of parameters: large ones by address."""
-        return [(self.parameter_type(p.type), self.local(p.name)) for p in parameters]
+    def c_parameters(self, parameters: tuple[core.Parameter, ...]) -> list[tuple[str, str]]:
+        """C types and names of parameters; large ones are passed by address."""
+        return [(self.parameter_type(p.type), self.c_name(p.name)) for p in parameters]
 
     def parameter_type(self, t: Type) -> str:
         """The C type of a parameter."""
-        work = self.types.work(t)
+        work = self.types.work_type(t)
         return f"const {work} *" if self.types.is_large(t) else work
 
-    def task(self, f: core.Function, result: core.Expr) -> PlannedBody:
-        """The body of a function, as `plan_of` takes it."""
+    def planned_function(self, f: core.Function, result: core.Expr) -> PlannedBody:
+        """The body of a function, for `plan_storage`."""
         large = self.types.is_large
         arrive = tuple(p.name for p in f.parameters if large(p.type))
         return PlannedBody(code=f.body, is_large=large, given=arrive, result=result, leave=f.leave)
 
-    def arguments(self, arguments: tuple[core.Expr, ...]) -> tuple[list[c.CStmt], list[c.CExpr]]:
-        """Statements that go before a call, and its C arguments."""
+    def c_arguments(self, arguments: tuple[core.Expr, ...]) -> tuple[list[c.CStmt], list[c.CExpr]]:
+        """The statements that go before a call, and its C arguments."""
         pairs = [self._argument(e) for e in arguments]
         return [s for before, _ in pairs for s in before], [argument for _, argument in pairs]
 
@@ -204,28 +207,28 @@ class Places:
             return [], self.expr(e)
         if has_address(e):
             return [], c.address(self.expr(e))
-        before, value = self._in_new_place(e)
+        before, value = self._write_to_new_place(e)
         return before, c.address(value)
 
     # ------------------------------------------------------------ large values
 
-    def into(self, target: c.CExpr, root: str, t: Type, e: core.Expr) -> list[c.CStmt]:
+    def write_into(self, target: c.CExpr, root: str, t: Type, e: core.Expr) -> list[c.CStmt]:
         """Writes a value of type `t` to `target`, which is place `root` or a part of it.
 
         A large record, array or list is written piece by piece, so that it needs no second place,
         unless a piece may be read from where it is written.
         """
         if isinstance(e, core.Select) and self.types.is_large(t):
-            then = self.into(target, root, t, e.then)
-            otherwise = self.into(target, root, t, e.otherwise)
+            then = self.write_into(target, root, t, e.then)
+            otherwise = self.write_into(target, root, t, e.otherwise)
             return [c.IfStmt(self.expr(e.condition), tuple(then), tuple(otherwise))]
         in_pieces = isinstance(e, core.Make) and self.types.is_large(t)
         if not in_pieces or not isinstance(e, core.Make):
             if self._lies_in(e, target):
                 return []
             return [c.Assign(target, self.types.to_store(t, self.expr(e)))]
-        if self._is_read(target, root, e):
-            before, value = self._in_new_place(e)
+        if self._may_read_target(target, root, e):
+            before, value = self._write_to_new_place(e)
             return [*before, c.Assign(target, value)]
         if isinstance(t, RecordType):
             return self._fields_into(target, root, t, e)
@@ -240,10 +243,10 @@ class Places:
         items = c.Member(target, "at" if isinstance(t, ArrayType) else "items")
         statements: list[c.CStmt] = []
         if isinstance(t, ListType):
-            statements.append(c.Assign(target, self.types.default(t)))
+            statements.append(c.Assign(target, self.types.default_constant(t)))
         for k, element in enumerate(e.elements):
             place = c.IndexExpr(items, c.Number(str(k)))
-            statements += self.into(place, root, t.element, element)
+            statements += self.write_into(place, root, t.element, element)
         if isinstance(t, ListType) and e.elements:
             statements.append(c.Assign(c.Member(target, "len"), c.Number(str(len(e.elements)))))
         return statements
@@ -254,7 +257,7 @@ class Places:
         statements = [
             made
             for (name, of), element in zip(t.fields, e.elements, strict=True)
-            for made in self.into(c.Member(target, field_name(name)), root, of, element)
+            for made in self.write_into(c.Member(target, field_name(name)), root, of, element)
         ]
         if struct_of(t).padding:
             byte = c.IndexExpr(c.Member(target, "pad_"), c.Name("pad"))
@@ -264,10 +267,10 @@ class Places:
         return statements
 
     def _lies_in(self, e: core.Expr, target: c.CExpr) -> bool:
-        """Whether the value `e` already lies in `target`."""
-        return isinstance(e, core.Var) and self.place(self.plan.whole(e.name)) == target
+        """Whether the value of `e` already lies in `target`."""
+        return isinstance(e, core.Var) and self.place(self.plan.whole_name(e.name)) == target
 
-    def _is_read(self, target: c.CExpr, root: str, e: core.Make) -> bool:
+    def _may_read_target(self, target: c.CExpr, root: str, e: core.Make) -> bool:
         """Whether a piece of `e`, which is written to `target`, may be read from place `root`."""
         wholes: set[str] = set()
         others = list(e.elements)
@@ -275,14 +278,14 @@ class Places:
             for (name, _), element in zip(e.type.fields, e.elements, strict=True):
                 if self._lies_in(element, c.Member(target, field_name(name))):
                     assert isinstance(element, core.Var)
-                    wholes.add(self.plan.whole(element.name))
+                    wholes.add(self.plan.whole_name(element.name))
                     others.remove(element)
-        reads = self.plan.reads(*others) - wholes
-        return any(self.plan.home(x) == self.plan.home(root) for x in reads)
+        reads = self.plan.names_read(*others) - wholes
+        return any(self.plan.home_name(x) == self.plan.home_name(root) for x in reads)
 
-    def _in_new_place(self, e: core.Expr) -> tuple[list[c.CStmt], c.CExpr]:
-        """Writes a value to a new place, and returns the statements and that place."""
+    def _write_to_new_place(self, e: core.Expr) -> tuple[list[c.CStmt], c.CExpr]:
+        """Statements that write a value to a new place, and that place."""
         self._given += 1
         made = c.Name(f"given_{self._given}")
-        declared = c.Declare(self.types.work(e.type), made.text, None)
-        return [declared, *self.into(made, made.text, e.type, e)], made
+        declared = c.Declare(self.types.work_type(e.type), made.text, None)
+        return [declared, *self.write_into(made, made.text, e.type, e)], made

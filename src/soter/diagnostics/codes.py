@@ -49,53 +49,53 @@ _PAGES = Path(__file__).parent / "pages"
 
 
 def all_codes() -> list[str]:
-    """Every code that has a page, letters first, numbers in order."""
-    return sorted(_by_folded().values(), key=lambda code: (code.rstrip("0123456789"), code))
+    """Every code that has a page, sorted by its letters, then by its number."""
+    return sorted(_codes_by_folded().values(), key=lambda code: (code.rstrip("0123456789"), code))
 
 
 def all_words() -> list[str]:
-    """The pages that are of no code: subjects of verdicts (`ttf`, `start`), words of `rest`."""
-    return sorted(_words().values())
+    """The words that have a page: subjects of verdicts (`ttf`, `start`), and words of `rest`."""
+    return sorted(_words_by_folded().values())
 
 
-def named(code: str) -> str | None:
-    """A code or word in its own letter case, from any other; None where it has no page."""
+def known_code(code: str) -> str | None:
+    """A code or word as its page spells it, from any letter case; None if it has no page."""
     folded = code.strip().casefold()
-    return _by_folded().get(folded) or _words().get(folded)
+    return _codes_by_folded().get(folded) or _words_by_folded().get(folded)
 
 
 def explain(code: str) -> str | None:
-    """The Markdown page of a code or word in any letter case, None where there is none."""
-    known = named(code)
-    return _page(known) if known is not None else None
+    """The Markdown page of a code or word, in any letter case; None if it has none."""
+    known = known_code(code)
+    return _read_page(known) if known is not None else None
 
 
 def title(code: str) -> str | None:
-    """The title of a code's page: what follows `# CODE:` on its first line."""
+    """The title of a code's page: the text behind `# CODE:` on its first line."""
     page = explain(code)
     return None if page is None else page.split("\n", 1)[0].partition(":")[2].strip()
 
 
 def suggestions(code: str) -> list[str]:
-    """Codes that look like an unknown one, best first."""
-    known = {**_by_folded(), **_words()}
+    """Codes that are spelt like an unknown one, the most similar first."""
+    known = {**_codes_by_folded(), **_words_by_folded()}
     near = closest(code.strip().casefold()[:20], known, 0.5, 3)
     return [known[folded] for folded in near]
 
 
 @cache
-def _by_folded() -> dict[str, str]:
+def _codes_by_folded() -> dict[str, str]:
     return {path.stem.casefold(): path.stem for path in _PAGES.glob("*.md")}
 
 
 @cache
-def _words() -> dict[str, str]:
+def _words_by_folded() -> dict[str, str]:
     return {path.stem.casefold(): path.stem for path in (_PAGES / "words").glob("*.md")}
 
 
 @cache
-def _page(code: str) -> str:
-    folder = _PAGES / "words" if code in _words().values() else _PAGES
+def _read_page(code: str) -> str:
+    folder = _PAGES / "words" if code in _words_by_folded().values() else _PAGES
     page = (folder / f"{code}.md").read_text(encoding="utf-8")
     return _EXAMPLE.sub(_with_remedy, page)
 
@@ -104,10 +104,10 @@ _EXAMPLE = re.compile(r"^```soter,wrong\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
 def _with_remedy(example: re.Match[str]) -> str:
-    """An example as a difference, `-` before what is wrong and `+` before what is right.
+    """An example as a difference: `-` before the wrong lines, `+` before the right ones.
 
-    In the file a line `code  // a -> b` has b in place of a, `code  // leave out` goes, and
-    `// and: code` is a line more; without any of them the remedy is said in words.
+    In the file a line `code  a -> b` has b in place of a, `code  leave out` goes, and `// and:
+    code` is a line more; without any of them the remedy is said in words.
     """
     lines: list[str] = []
     for line in example[1].splitlines():

@@ -3,10 +3,10 @@
 A command has two records: that of its options, and that of its result. The file describes both.
 Purpose: *a result*, first in the file: a `JsonObject` makes from one list of fields a JSON document
 and its schema. *Options*, behind it: an `Option` has range, unit, words and flag in one place.
-`made` makes the record from keywords, or reports every mistake as U001; `takes` gives the method
-that accepts them its signature and docstring. `NEEDS` of a record says which of its options do
-nothing without others, and `unused` reports them; `GONE` says which a version before had, and
-`gone` what to do.
+`make_record` makes the record from keywords, or reports every mistake as U001; `takes` gives the
+method that accepts them its signature and docstring. `NEEDS` of a record says which of its options
+do nothing without others, and `unused_options` reports them; `GONE` says which a version before
+had, and `removed_flags` what to do.
 Non-goals: which options there are (each room's record), command lines
 (`cli/terminal/command_line.py`), the schema, which `docs/site/json_schemas.py` reads off these
 lists.
@@ -35,12 +35,12 @@ Shape: TypeAlias = "JsonObject | dict[str, object] | tuple[JsonObject, dict[str,
 
 
 def one_of(*values: object) -> dict[str, object]:
-    """The schema of a field that is one of these values, where its type does not say so."""
+    """The JSON schema of a field that has one of these values."""
     return {"enum": list(values)}
 
 
 class JsonObject:
-    """How a record becomes a JSON object."""
+    """The fields of a JSON object, and how each is made of a record."""
 
     def __init__(
         self,
@@ -69,17 +69,17 @@ class JsonObject:
         self.also = also
 
     def of(self, record: object) -> dict[str, object]:
-        """The JSON object of one record."""
-        values = {n: self.made.get(n, _reader_of(path))(record) for n, path in self.paths.items()}
+        """The JSON object of a record."""
+        values = {n: self.made.get(n, _path_reader(path))(record) for n, path in self.paths.items()}
         return {name: _json_value(value, self.shapes.get(name)) for name, value in values.items()}
 
 
-def _reader_of(path: str) -> Callable[[Any], object]:
-    """The function that reads a path and mark of `JsonObject.fields` off a record."""
+def _path_reader(path: str) -> Callable[[Any], object]:
+    """The function that reads a path of `JsonObject.fields`, with its mark, off a record."""
 
     def value(record: Any) -> object:  # noqa: ANN401 - any record
         for name in path.rstrip("?*").removesuffix("/s").split("."):
-            record = _field_of(record, name)
+            record = _field_value(record, name)
         if path.endswith("/s"):
             return None if record is None else record / 1e9
         if path.endswith("*"):
@@ -89,20 +89,20 @@ def _reader_of(path: str) -> Callable[[Any], object]:
     return value
 
 
-def _field_of(record: object, name: str) -> object:
-    """A field of a record, of each record of a list, or None of None."""
+def _field_value(record: object, name: str) -> object:
+    """A field of a record; of a list, the field of each record in it; None of None."""
     if _is_list(record):
-        return [_field_of(one, name) for one in record]
+        return [_field_value(one, name) for one in record]
     return None if record is None else getattr(record, name)
 
 
 def _is_list(value: object) -> TypeGuard[Sequence[object]]:
-    """Whether it is a list or tuple of values; a named tuple is a record."""
+    """Whether a value is a list or tuple of values; a named tuple is a record."""
     return isinstance(value, (list, tuple)) and not hasattr(value, "_fields")
 
 
 def _json_value(value: object, shape: Shape | None) -> object:
-    """A value of a record as JSON has it; TypeError where it has none such."""
+    """The JSON of a value in a record; TypeError for a type that has none."""
     if isinstance(value, Mapping):
         return {str(name): _json_value(part, shape) for name, part in value.items()}
     if _is_list(value):
@@ -146,7 +146,7 @@ SEVERAL, SWITCH = Kind("several"), Kind("switch")
 
 
 def read_by(function: Callable[[str], Any]) -> Kind:
-    """Values that a function makes of a text; it raises ArgumentTypeError where it cannot."""
+    """A kind of option whose text a function reads; it raises ArgumentTypeError for wrong ones."""
     return Kind(function)
 
 
@@ -158,7 +158,7 @@ def choice(*names: str) -> Kind:
 
 
 def whole(low: int, high: int, text: str = "whole", in_python: str = "{}") -> Kind:
-    """A whole number."""
+    """A kind of option whose value is a whole number."""
 
     def fits(value: Any) -> bool:  # noqa: ANN401 - whatever a caller gives
         return hasattr(value, "__index__") and not isinstance(value, bool) and low <= value <= high
@@ -169,7 +169,7 @@ def whole(low: int, high: int, text: str = "whole", in_python: str = "{}") -> Ki
 
 
 def seconds(low: str, high: int, *, optional: bool = False) -> Kind:
-    """A time in seconds up to `high`; `low`: the lower end in words, "from 0 ..." to allow 0."""
+    """A kind of option for seconds up to `high`; `low`: the lower end, "from 0 ..." to allow 0."""
 
     def fits(value: object) -> bool:
         if value is None or isinstance(value, bool) or not isinstance(value, (int, float)):
@@ -180,7 +180,7 @@ def seconds(low: str, high: int, *, optional: bool = False) -> Kind:
 
 
 def size(low: int) -> Kind:
-    """Bytes, or a text such as `512M`."""
+    """A kind of option for bytes, at least `low`, or a text such as `512M`."""
     return Kind(
         "size",
         "write it as 512M or 2G; 1M at least",
@@ -190,7 +190,7 @@ def size(low: int) -> Kind:
 
 
 def bytes_of(size_: int | str) -> int | None:
-    """Bytes, from a number or a text such as `512M`; None where it is neither."""
+    """The bytes that a number or a text such as `512M` says; None if it is neither."""
     if isinstance(size_, int):
         return None if isinstance(size_, bool) else size_
     match = _SIZE.fullmatch(size_.strip()) if isinstance(size_, str) else None
@@ -220,22 +220,22 @@ class Option:
 
     @property
     def dashed(self) -> bool:
-        """Whether a command line knows it by a flag, not by its position."""
+        """Whether a command line names it by a flag, not by its position."""
         return self.flags.startswith("-")
 
     @property
     def flag(self) -> str:
-        """How a command line names it: its long flag if it has one, else its first word."""
+        """The name of the option on a command line: its long flag, else its first word."""
         words = self.flags.split()
         return next((w for w in words if w.startswith("--")), words[0]).strip("[].")
 
     def help(self, text: str = "") -> str:
-        """The words for a command line; `text`: how a text is written, where one is read."""
+        """The help of a command line; `text`: how a text for the value is written."""
         return self.words.format(default=self.given, text=text)
 
     @property
     def meaning(self) -> str:
-        """The words for callers in Python, with the unit of the value."""
+        """The help for callers in Python, with the unit of the value."""
         return self.kind.in_python.format(self.help())
 
 
@@ -248,7 +248,7 @@ def option(
     *,
     keyword: bool = True,
 ) -> Any:  # noqa: ANN401 - the same
-    """A field of a record of options."""
+    """A field of a record of options, described by an `Option`."""
     known = Option(flags, given, words, kind, told, keyword)
     default = given if given in (None, ...) else kind.read(given)
     return field(default=default, metadata={"option": known})
@@ -263,14 +263,14 @@ def options_of(record: type, *, keyword: bool = False) -> dict[str, Option]:
     }
 
 
-def unused(
+def unused_options(
     record: type, values: Mapping[str, object], written: Collection[str], *, flags: bool
 ) -> tuple[Diagnostic, ...]:
     """U001 for each option that was given, though by `record.NEEDS` it does nothing then.
 
     `NEEDS`: rows of a condition and names of options: `a|b` one of them is given, `a=x,y` it has
     one of these values; `!a` and `!a=x` the contrary. `values`: those of all options; `written`:
-    which of them were given; `flags`: told in words of a command line.
+    which of them were given; `flags`: name options as a command line does.
     """
     options, problems = options_of(record), list[Diagnostic]()
 
@@ -290,22 +290,22 @@ def unused(
 
 
 def needless(so: str, **given: bool) -> None:
-    """SoterError U001 for each keyword of a method without a record that was given for nothing.
+    """Raises SoterError U001 for each true keyword, which a method without a record ignores.
 
-    `so`: as in `unused`, "beside `log`".
+    `so`: when it ignores them, such as "beside `log`".
     """
     if idle := [n for n, was_given in given.items() if was_given]:
         raise SoterError(tuple(Diagnostic("U001", f"`{n}` does nothing {so}") for n in idle))
 
 
-def gone(record: type, flags: Sequence[str]) -> tuple[Diagnostic, ...]:
-    """U001 for each flag that a version before had, with what to do: `GONE`, rows of both."""
+def removed_flags(record: type, flags: Sequence[str]) -> tuple[Diagnostic, ...]:
+    """U001 for each flag that an older version had, with what to do, from `record.GONE`."""
     remedies = {flag: remedy for row, remedy in getattr(record, "GONE", ()) for flag in row.split()}
     asked = dict.fromkeys(flag for flag in flags if flag in remedies)
     return tuple([Diagnostic("U001", f"`{f}` is gone", helps=(remedies[f],)) for f in asked])
 
 
-def made(record: type[Record], given: Mapping[str, object]) -> Record:
+def make_record(record: type[Record], given: Mapping[str, object]) -> Record:
     """The record of keywords; SoterError U001 with all wrong values, TypeError for a wrong name.
 
     A keyword that has the value of its default counts as one that is left out.
@@ -313,7 +313,7 @@ def made(record: type[Record], given: Mapping[str, object]) -> Record:
     options, problems = options_of(record, keyword=True), []
     for name, value in given.items():
         if name not in options:
-            if gone_flags := gone(record, ("--" + name.replace("_", "-"),)):
+            if gone_flags := removed_flags(record, ("--" + name.replace("_", "-"),)):
                 raise SoterError(gone_flags)
             raise TypeError(f"got an unexpected keyword argument '{name}'")
         kind = options[name].kind
@@ -322,7 +322,7 @@ def made(record: type[Record], given: Mapping[str, object]) -> Record:
             problems.append(Diagnostic("U001", message, helps=(kind.allowed,)))
     values = {name: o.given for name, o in options_of(record).items()}
     written = {name for name, value in given.items() if value != values[name]}
-    problems = problems or [*unused(record, {**values, **given}, written, flags=False)]
+    problems = problems or [*unused_options(record, {**values, **given}, written, flags=False)]
     if problems:
         raise SoterError(tuple(problems))
     return record(**{name: options[name].kind.read(value) for name, value in given.items()})
@@ -331,19 +331,19 @@ def made(record: type[Record], given: Mapping[str, object]) -> Record:
 class takes:  # noqa: N801 - a decorator
     """Gives a method with `**options` the signature and docstring of a record's options.
 
-    The record, `room.file.Class`, is imported when somebody asks for the method.
+    The record, `room.file.Class`, is imported when somebody looks the method up.
     """
 
     def __init__(self, record: str) -> None:
         self.record = record
 
     def __call__(self, method: Method) -> Method:
-        """Take the method; it is described when it is looked up."""
+        """Keeps the method until somebody looks it up."""
         self.method = method
         return cast("Method", self)
 
     def __get__(self, one: object, owner: type | None = None) -> Any:  # noqa: ANN401 - a method
-        """The method."""
+        """The method, with its signature and docstring."""
         if self.record:
             module, _, name = self.record.rpartition(".")
             _describe(self.method, options_of(getattr(import_module(module), name), keyword=True))

@@ -33,7 +33,7 @@ class CancelledError(Exception):
 
 
 def phase(name: str, *, anew: bool = False) -> None:
-    """Say what begins; `anew`: the shares told from here on start from 0 again."""
+    """Tells the listener which phase begins; `anew`: the shares begin again from 0."""
     if (listener := _listener.get()) is not None:
         _current.set(name)
         listener(name, anew)
@@ -41,7 +41,7 @@ def phase(name: str, *, anew: bool = False) -> None:
 
 @contextmanager
 def passing_phase(name: str) -> Iterator[None]:
-    """Make the block a phase of its own; the phase before it is said again afterwards."""
+    """Makes the block a phase of its own; afterwards the phase before goes on."""
     before = _current.get()
     phase(name)
     try:
@@ -52,7 +52,7 @@ def passing_phase(name: str) -> Iterator[None]:
 
 @contextmanager
 def within_phase() -> Iterator[None]:
-    """Tell nobody the phases in this block: they are parts of the one that goes on."""
+    """Tells the listener no phases of this block, which are parts of the phase around it."""
     before = _listener.set(None)
     try:
         yield
@@ -61,14 +61,14 @@ def within_phase() -> Iterator[None]:
 
 
 def share_done(share: float, stage: str = "") -> None:
-    """Tell the progress, 0 to 1, of the whole or of one stage. Whoever is told may raise."""
+    """Tells the share that is done, 0 to 1, of the whole or of a stage. The listener may raise."""
     if (hears := _told.get()) is not None:
         hears(share, stage)
 
 
 @contextmanager
 def telling(hears: Told | None) -> Iterator[None]:
-    """Let `hears(share, stage)` get the shares of this block, in this thread; None: nobody does."""
+    """Sends the shares of this block, in this thread, to `hears(share, stage)`; None: to nobody."""
     before = _told.set(hears)
     try:
         yield
@@ -77,14 +77,14 @@ def telling(hears: Told | None) -> Iterator[None]:
 
 
 def telling_shares(progress: Callable[[float], None] | None) -> AbstractContextManager[None]:
-    """Let `progress(share)` get the shares of the whole in this block; None changes nothing."""
+    """Sends the shares of the whole in this block to `progress(share)`; None changes nothing."""
     if progress is None:
         return nullcontext()
     return telling(lambda share, stage: None if stage else progress(share))
 
 
 def between(low: float, high: float, stages: Sequence[str] = ()) -> AbstractContextManager[None]:
-    """Pass the shares of this block on as [low, high] of the block around it, never falling.
+    """Scales the shares of this block to [low, high] of the block around it; they never fall.
 
     `stages`: names of equal parts of this block, in order; shares of other stages go on unscaled.
     """
@@ -105,7 +105,7 @@ def between(low: float, high: float, stages: Sequence[str] = ()) -> AbstractCont
 
 
 def cancelled_when(due: Callable[[], bool]) -> AbstractContextManager[None]:
-    """In this block `share_done` raises `CancelledError` once `due()` is true."""
+    """Lets `share_done` raise `CancelledError` in this block once `due()` is true."""
     hears = _told.get()
 
     def listener(share: float, stage: str) -> None:
@@ -118,7 +118,7 @@ def cancelled_when(due: Callable[[], bool]) -> AbstractContextManager[None]:
 
 
 def announce(text: Callable[[], str]) -> None:
-    """Say a line; `text` is called only where somebody listens, and "" is not said."""
+    """Tells the announcer a line, if there is one; it calls `text` only then, and omits ""."""
     announcer = _announcer.get()
     if announcer is not None and (line := text()):
         announcer(line)
@@ -134,7 +134,7 @@ def lasting(seconds: float, to_s: int = 1) -> str:
 def listening_to_phases(
     listener: Callable[[str, bool], None], announcer: Callable[[str], None] | None = None
 ) -> Iterator[None]:
-    """Let `listener(name, anew)` know of the phases of this block, in this thread.
+    """Sends the phases of this block, in this thread, to `listener(name, anew)`.
 
     `announcer(line)` gets the lines of `announce`.
     """

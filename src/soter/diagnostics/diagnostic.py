@@ -38,15 +38,15 @@ class Source:
         self._starts = [0, *(m.end() for m in re.finditer("\n", self.text))]
 
     def line_of(self, offset: int) -> int:
-        """Line number, from 1, of a character offset."""
+        """The line, from 1, of a character offset."""
         return bisect_right(self._starts, offset)
 
     def column_of(self, offset: int) -> int:
-        """Column, from 1, of a character offset."""
+        """The column, from 1, of a character offset."""
         return offset - self._starts[self.line_of(offset) - 1] + 1
 
     def line(self, number: int) -> str:
-        """Text of line `number` (from 1) without its line break."""
+        """The text of line `number`, from 1, without its line break."""
         start = self._starts[number - 1]
         end = self.text.find("\n", start)
         return self.text[start : end if end >= 0 else len(self.text)].rstrip("\r")
@@ -62,17 +62,17 @@ class Span:
 
     @property
     def line(self) -> int:
-        """Line of the first character, from 1."""
+        """The line of the first character, from 1."""
         return self.source.line_of(self.start)
 
     @property
     def column(self) -> int:
-        """Column of the first character, from 1, in characters."""
+        """The column of the first character, from 1, in characters."""
         return self.source.column_of(self.start)
 
     @property
     def text(self) -> str:
-        """The text the span covers."""
+        """The text that the span covers."""
         return self.source.text[self.start : self.end]
 
     def to(self, other: Span) -> Span:
@@ -82,7 +82,7 @@ class Span:
 
 @dataclass(frozen=True)
 class Edit:
-    """`text` takes the place of what `span` covers; an empty span is an insertion."""
+    """Writes `text` in place of what `span` covers; at an empty span it is inserted."""
 
     span: Span
     text: str
@@ -103,12 +103,12 @@ Help = str | Fix
 """What stands behind `help:`: a sentence, or an edit whose title is the sentence."""
 
 
-def texts(helps: Iterable[Help]) -> tuple[str, ...]:
-    """The help lines as texts: an edit is shown as its title."""
+def help_texts(helps: Iterable[Help]) -> tuple[str, ...]:
+    """The help lines as texts: the title of each edit."""
     return tuple(h.title if isinstance(h, Fix) else h for h in helps)
 
 
-def fixes(helps: Iterable[Help]) -> tuple[Fix, ...]:
+def help_fixes(helps: Iterable[Help]) -> tuple[Fix, ...]:
     """The edits among the help lines."""
     return tuple(h for h in helps if isinstance(h, Fix))
 
@@ -128,7 +128,7 @@ class Severity(Enum):
 
 @dataclass(frozen=True)
 class Label:
-    """A span and what is to be said about it; the text may be empty."""
+    """A span with a text about it, which may be empty."""
 
     span: Span
     text: str = ""
@@ -162,16 +162,16 @@ def made(
     helps: tuple[Help, ...] = (),
     severity: Severity = Severity.ERROR,
 ) -> Diagnostic:
-    """A diagnostic whose helps may be edits."""
+    """A diagnostic; helps that are edits also become its `fixes`."""
     return Diagnostic(
-        *(code, message, primary, secondary, notes, texts(helps), severity, fixes(helps))
+        *(code, message, primary, secondary, notes, help_texts(helps), severity, help_fixes(helps))
     )
 
 
 class Diagnostics:
-    """A growing list of diagnostics, in the order they were found, without repetitions.
+    """The diagnostics so far, in the order they were found, without repetitions.
 
-    `tell` is called with the step that begins, where steps may take seconds.
+    `tell` is called with the name of each step that begins and may take seconds.
     """
 
     def __init__(self, tell: Callable[[str], None] | None = None) -> None:
@@ -182,7 +182,7 @@ class Diagnostics:
         self._names_left = NAMES_COMPARED
 
     def add(self, diagnostic: Diagnostic) -> None:
-        """Keep `diagnostic` unless one of its code, place and message is there already."""
+        """Keeps a diagnostic, unless one with its code, place and message is there already."""
         span = diagnostic.primary.span if diagnostic.primary else None
         key = (
             diagnostic.code,
@@ -205,7 +205,7 @@ class Diagnostics:
 
     @contextmanager
     def trial(self) -> Iterator[Callable[[], bool]]:
-        """Forget what the block reports; afterwards the function says if it had no error."""
+        """Forgets what the block reports; afterwards the function says whether it had no error."""
         items, seen, errors, names = (
             len(self._items),
             set(self._seen),
@@ -221,16 +221,16 @@ class Diagnostics:
             self._seen, self._errors, self._names_left = seen, errors, names
 
     def may_look_at(self, names: int) -> bool:
-        """Count so many more names to compare; whether that is still worth it, for a help."""
+        """Counts names that are to be compared; whether a suggestion is still worth that."""
         self._names_left -= names
         return self._names_left >= 0 and len(self._items) <= KEPT_MAX
 
     def did_you_mean(
         self, name: str, candidates: Iterable[str], span: Span | None = None
     ) -> tuple[Help, ...]:
-        """A help line naming the closest candidate, if any is close and it will be read.
+        """A help line with the most similar candidate, if one is similar.
 
-        With the `span` of the name it is an edit.
+        With the `span` of the name the help line is an edit.
         """
         if not self.may_look_at(0):
             return ()
@@ -252,7 +252,7 @@ class Diagnostics:
         notes: tuple[str, ...] = (),
         helps: tuple[Help, ...] = (),
     ) -> None:
-        """Report an error; `also` adds labelled secondary spans."""
+        """Reports an error; `also` adds further spans with labels."""
         self._report(
             Severity.ERROR, code, message, span, label, also=also, notes=notes, helps=helps
         )
@@ -268,7 +268,7 @@ class Diagnostics:
         notes: tuple[str, ...] = (),
         helps: tuple[Help, ...] = (),
     ) -> None:
-        """Report a warning; `also` adds labelled secondary spans."""
+        """Reports a warning; `also` adds further spans with labels."""
         self._report(
             Severity.WARNING, code, message, span, label, also=also, notes=notes, helps=helps
         )
@@ -296,12 +296,12 @@ class Diagnostics:
 
     @property
     def has_errors(self) -> bool:
-        """Whether any of them is an error."""
+        """Whether any diagnostic is an error."""
         return self._errors > 0
 
     @property
     def error_count(self) -> int:
-        """How many of them are errors."""
+        """How many errors were reported."""
         return self._errors
 
     def raise_errors(self) -> None:
@@ -314,7 +314,7 @@ class Diagnostics:
 
 
 class SoterError(Exception):
-    """A user's mistake found by any room; carries diagnostics, never shown as a traceback."""
+    """A user's mistake, as diagnostics, which is never shown as a traceback."""
 
     def __init__(self, diagnostics: tuple[Diagnostic, ...] | SoterError) -> None:
         """`diagnostics`, or another `SoterError` whose diagnostics this one takes over."""
@@ -333,5 +333,5 @@ class SoterError(Exception):
 
 
 def mistake(code: Code, message: str, *helps: str, notes: tuple[str, ...] = ()) -> SoterError:
-    """An error of one diagnostic that stands in no program; empty `helps` are left out."""
+    """A SoterError with one diagnostic that stands in no program; it omits empty `helps`."""
     return SoterError((Diagnostic(code, message, notes=notes, helps=tuple(filter(None, helps))),))

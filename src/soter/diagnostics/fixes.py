@@ -1,6 +1,6 @@
 """Builds a `Fix` from spans of a file.
 
-Purpose: `replace`, `insert`, `remove` and the like say what to write where; `applied` gives the
+Purpose: `replace`, `insert`, `remove` and the like say what to write where; `apply_fix` gives the
 texts after a fix, for an editor to show and a test to try.
 Non-goals: which fix a problem has, which whoever reports it says; writing files.
 """
@@ -11,27 +11,27 @@ from soter.diagnostics.diagnostic import Edit, Fix, Source, Span
 
 
 def replace(span: Span, text: str, title: str | None = None) -> Fix:
-    """Write `text` instead of what `span` covers; the title says so unless another one is given."""
+    """The fix that writes `text` in place of a span; `title`: by default "write ..."."""
     return Fix(title or f"write `{' '.join(text.split())}`", (Edit(span, text),))
 
 
 def insert(span: Span, text: str, title: str | None = None) -> Fix:
-    """Write `text` in front of what `span` covers."""
+    """The fix that writes `text` in front of a span."""
     return replace(Span(span.source, span.start, span.start), text, title)
 
 
 def append(span: Span, text: str, title: str | None = None) -> Fix:
-    """Write `text` right behind what `span` covers."""
+    """The fix that writes `text` right behind a span."""
     return replace(Span(span.source, span.end, span.end), text, title)
 
 
 def remove(span: Span, title: str) -> Fix:
-    """Leave out what `span` covers, and its line with it where nothing else stands there."""
+    """The fix that deletes a span, and its line if nothing else stands there."""
     return Fix(title, (Edit(whole_lines(span), ""),))
 
 
 def out_of_list(span: Span, title: str) -> Fix:
-    """Leave one name out of a list between commas, the whole item where it is the only one."""
+    """The fix that deletes one name of a list between commas; the whole item if it is the last."""
     text, start, end = span.source.text, span.start, span.end
     before, after = text[:start].rstrip(), text[end:].lstrip()
     if before.endswith(","):
@@ -45,7 +45,7 @@ def out_of_list(span: Span, title: str) -> Fix:
 
 
 def whole_lines(span: Span) -> Span:
-    """The span with the blanks around it and its line break, where it is all its lines hold."""
+    """The span with the blanks around it and its line break, if its lines hold nothing else."""
     text = span.source.text
     start, end = span.start, span.end
     while start and text[start - 1] in " \t":
@@ -58,27 +58,27 @@ def whole_lines(span: Span) -> Span:
 
 
 def exchange(one: Span, other: Span, title: str) -> Fix:
-    """Exchange the texts of two spans."""
+    """The fix that exchanges the texts of two spans."""
     return Fix(title, (Edit(one, other.text), Edit(other, one.text)))
 
 
 def the_other_way(low: Span, high: Span) -> Fix:
-    """Exchange the bounds of an interval, which stand the wrong way round."""
+    """The fix that exchanges the two bounds of an interval."""
     return exchange(low, high, f"write `[{high.text}, {low.text}]`")
 
 
-def applied(fix: Fix) -> dict[Source, str]:
-    """The texts of the files a fix touches, after it; nothing is written.
+def apply_fix(fix: Fix) -> dict[Source, str]:
+    """The texts of the files that a fix edits, after it; nothing is written.
 
-    ValueError where two of its edits overlap.
+    ValueError if two of its edits overlap.
     """
     by_source: dict[Source, list[Edit]] = {}
     for edit in fix.edits:
         by_source.setdefault(edit.span.source, []).append(edit)
-    return {source: _edited(source.text, edits) for source, edits in by_source.items()}
+    return {source: _edit_text(source.text, edits) for source, edits in by_source.items()}
 
 
-def _edited(text: str, edits: list[Edit]) -> str:
+def _edit_text(text: str, edits: list[Edit]) -> str:
     parts: list[str] = []
     at = 0
     for edit in sorted(edits, key=lambda e: (e.span.start, e.span.end)):

@@ -18,9 +18,9 @@ COLOURS = re.compile("(\x1b\\[(?:0|1|2|34|1;3[1-4])m)")
 
 
 def legible(text: str, *, color: bool = False, words: Iterable[str] = ()) -> str:
-    """What leaves, whoever wrote a name in it: nothing acts upon a terminal, or commands GitHub.
+    """The text without what acts upon a terminal or GitHub, whoever wrote it.
 
-    `color`: but for our own colours; `words`: of the command line, of which no line may be made.
+    `color`: keeps our own colours; `words`: of the command line, which may add no lines.
     """
     for part in {w[max(0, i - 4) : i + 5] for w in words for i, c in enumerate(w) if c == "\n"}:
         text = text.replace(part, part.replace("\n", "\r")) if len(part.strip()) > 1 else text

@@ -45,7 +45,7 @@ class _Mark:
 
 
 class _Paint:
-    """Wraps text in colour, or leaves it as it is."""
+    """Wraps text in colour, or leaves it unchanged."""
 
     def __init__(self, severity: Severity, *, color: bool) -> None:
         self._color = color
@@ -56,7 +56,7 @@ class _Paint:
 
 
 def render(diagnostic: Diagnostic, *, color: bool = False) -> str:
-    """One diagnostic as lines of text, without a line break at the end."""
+    """A diagnostic as lines of text, without a line break at the end."""
     paint = _Paint(diagnostic.severity, color=color)
     head = f"{diagnostic.severity.value}[{diagnostic.code}]"
     lines = [paint(paint.severity, head) + paint(_BOLD, f": {safe(diagnostic.message)}")]
@@ -73,7 +73,7 @@ def render(diagnostic: Diagnostic, *, color: bool = False) -> str:
 
 
 def render_all(diagnostics: Iterable[Diagnostic], *, color: bool = False) -> str:
-    """All diagnostics, a blank line between them, and how many there are; "" for none."""
+    """All diagnostics, a blank line between them, and their counts; "" if there are none."""
     items = list(diagnostics)
     if not items:
         return ""
@@ -82,7 +82,7 @@ def render_all(diagnostics: Iterable[Diagnostic], *, color: bool = False) -> str
 
 
 def summary(diagnostics: Sequence[Diagnostic]) -> str:
-    """How many there are of each severity: "2 errors, 1 warning"."""
+    """The count of each severity in words: "2 errors, 1 warning"."""
     counts = [
         (sum(d.severity is severity for d in diagnostics), severity.value) for severity in Severity
     ]
@@ -90,7 +90,7 @@ def summary(diagnostics: Sequence[Diagnostic]) -> str:
 
 
 def to_json(diagnostic: Diagnostic) -> dict[str, object]:
-    """One diagnostic as plain data; places are null where it stands in no file."""
+    """A diagnostic as plain data; its places are null if it stands in no file."""
     primary = diagnostic.primary
     labels = [*([primary] if primary else []), *diagnostic.secondary]
     return {
@@ -112,7 +112,7 @@ def to_json(diagnostic: Diagnostic) -> dict[str, object]:
 
 
 def safe(text: str) -> str:
-    """`text` on one line, without characters that a terminal would act upon."""
+    """The text on one line, without characters on which a terminal acts."""
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() else _REPLACEMENT for c in text)
@@ -139,7 +139,7 @@ def _labels(diagnostic: Diagnostic) -> list[tuple[Label, bool]]:
 
 
 def _gutter_width(diagnostic: Diagnostic) -> int:
-    """Digits of the largest line number shown, at least two as notes hang from it."""
+    """The digits of the largest line number, at least two, as notes hang from the gutter."""
     numbers = [len(str(label.span.line)) for label, _ in _labels(diagnostic)]
     return max([2, *numbers])
 
@@ -148,7 +148,7 @@ def _gutter_width(diagnostic: Diagnostic) -> int:
 
 
 def _sections(diagnostic: Diagnostic, width: int, paint: _Paint) -> list[str]:
-    """One section per file, the primary one first."""
+    """The lines of each file's section, the section of the primary span first."""
     by_source: dict[int, tuple[Source, list[tuple[Label, bool]]]] = {}
     for label, primary in _labels(diagnostic):
         source = label.span.source
@@ -184,7 +184,7 @@ def _source_lines(
 
 
 def _clusters(marks: list[_Mark], length: int) -> list[list[_Mark]]:
-    """Marks that fit into one view of the line; all of them unless the line is very long."""
+    """Groups of marks that fit into one view of a line; one group unless the line is long."""
     ordered = sorted(marks, key=lambda m: (m.start, m.end))
     if length <= _LINE_MAX:
         return [ordered]
@@ -206,11 +206,11 @@ def _marked_line(
         high = min(high, low + _LINE_MAX)
     before = "..." if low else ""
     after = "..." if high < len(text) else ""
-    shown, columns = _display(text[low:high])
+    shown, columns = _printable_line(text[low:high])
     shift = len(before)
 
     def column(character: int) -> int:
-        """Screen column of a character of the line; one past the end is allowed."""
+        """The screen column of a character of the line, or of the place behind the last one."""
         return shift + columns[min(max(character, low), high) - low]
 
     placed = []
@@ -220,12 +220,12 @@ def _marked_line(
     gutter = paint(_BLUE, f"{number:>{width}} |")
     margin = paint(_BLUE, " " * width + " |")
     lines = [f"{gutter} {before}{shown}{after}".rstrip()]
-    for row in _rows(placed):
-        lines += [f"{margin} {line}" for line in _mark_rows(row, paint)]
+    for row in _rows_of_marks(placed):
+        lines += [f"{margin} {line}" for line in _lines_of_row(row, paint)]
     return lines
 
 
-def _display(text: str) -> tuple[str, list[int]]:
+def _printable_line(text: str) -> tuple[str, list[int]]:
     """The printable form of `text`, and the screen column at which each character begins."""
     parts: list[str] = []
     columns: list[int] = []
@@ -254,8 +254,8 @@ def _char_width(char: str) -> int:
 _Placed = tuple[int, int, _Mark]
 
 
-def _rows(placed: list[_Placed]) -> list[list[_Placed]]:
-    """Marks that do not overlap share a row; the primary one is in the first."""
+def _rows_of_marks(placed: list[_Placed]) -> list[list[_Placed]]:
+    """Rows of marks that do not overlap; the primary mark is in the first row."""
     rows: list[list[_Placed]] = []
     for item in sorted(placed, key=lambda p: (not p[2].primary, p[0])):
         for row in rows:
@@ -267,29 +267,29 @@ def _rows(placed: list[_Placed]) -> list[list[_Placed]]:
     return [sorted(row, key=lambda p: p[0]) for row in rows]
 
 
-def _mark_rows(row: list[_Placed], paint: _Paint) -> list[str]:
-    """A row of carets and dashes, then the texts that do not fit behind it."""
+def _lines_of_row(row: list[_Placed], paint: _Paint) -> list[str]:
+    """The line with carets and dashes, then a line for each text that does not fit behind it."""
     line, at = "", 0
     for start, end, mark in row:
         sign = "^" if mark.primary else "-"
-        line += " " * (start - at) + paint(_style(mark, paint), sign * (end - start))
+        line += " " * (start - at) + paint(_mark_style(mark, paint), sign * (end - start))
         at = end
     last = row[-1][2]
     if last.text:
-        line += " " + paint(_style(last, paint), last.text)
+        line += " " + paint(_mark_style(last, paint), last.text)
     lines = [line]
     waiting = [item for item in row[:-1] if item[2].text]
     while waiting:
         start, _, mark = waiting.pop()
         line, at = "", 0
         for bar, _, other in waiting:
-            line += " " * (bar - at) + paint(_style(other, paint), "|")
+            line += " " * (bar - at) + paint(_mark_style(other, paint), "|")
             at = bar + 1
-        lines.append(line + " " * (start - at) + paint(_style(mark, paint), mark.text))
+        lines.append(line + " " * (start - at) + paint(_mark_style(mark, paint), mark.text))
     return lines
 
 
-def _style(mark: _Mark, paint: _Paint) -> str:
+def _mark_style(mark: _Mark, paint: _Paint) -> str:
     return paint.severity if mark.primary else _BLUE
 
 
@@ -297,7 +297,7 @@ HERE = str(Path(__file__).resolve().parents[1])
 
 
 def traceback_lines(error: SoterError) -> list[str]:
-    """The lines of the call outside of Soter, then the diagnostics."""
+    """The calls outside of Soter in a traceback, then the diagnostics."""
     frames = [
         f for f in traceback.extract_tb(error.__traceback__) if not f.filename.startswith(HERE)
     ]

@@ -19,9 +19,9 @@ CANDIDATES_MAX = 30_000
 
 
 def closest(name: str, candidates: Iterable[str], cutoff: float = 0.6, count: int = 1) -> list[str]:
-    """At most `count` candidates that are like the name, the best first.
+    """At most `count` candidates that are similar to the name, the most similar first.
 
-    `cutoff` is the ratio of `difflib`: 1 for what is the same.
+    `cutoff` is the least ratio of `difflib`, in which equal texts have 1.
     """
     if len(name) > NAME_MAX:
         return []
@@ -37,7 +37,7 @@ def closest(name: str, candidates: Iterable[str], cutoff: float = 0.6, count: in
 
 
 def likely(name: str, candidates: Iterable[str]) -> str | None:
-    """The closest candidate, if any is close; one that differs in letter case is."""
+    """The most similar candidate, such as one in another letter case; None if none is similar."""
     if len(name) > NAME_MAX:
         return None
     most = 1 + len(name) // 3
@@ -52,13 +52,13 @@ def likely(name: str, candidates: Iterable[str]) -> str | None:
 
 
 def did_you_mean(name: str, candidates: Iterable[str]) -> tuple[str, ...]:
-    """A help line naming the closest candidate, if any is close."""
+    """A help line with the most similar candidate; () if none is similar."""
     near = likely(name, candidates)
     return (f"did you mean `{near}`?",) if near else ()
 
 
 def nearest_or_all(name: str, known: Iterable[str]) -> str:
-    """A help line with the closest known name, or all of them, or nothing."""
+    """A help line with the most similar known name, else with all of them; "" if there are none."""
     names = [" ".join(n.splitlines()) for n in known]  # a help may have several lines, a name not
     if near := closest(name, names):
         return f"did you mean `{near[0]}`?"

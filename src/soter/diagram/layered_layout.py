@@ -79,28 +79,28 @@ class GraphLayout:
 def lay_out(
     sizes: Sequence[tuple[float, float]], links: Sequence[Link], first: frozenset[int]
 ) -> GraphLayout:
-    """Place boxes of these widths and heights (px); those in `first` stand at the top if they can.
+    """Places boxes of these widths and heights (px); those in `first` stand at the top if they can.
 
-    Loops of one box are left out: nothing is to be seen of them in a drawing.
+    Arrows from a box to itself are left out, as a drawing cannot show them.
     """
     links = [link for link in links if link.source != link.target]
-    order = _sequence(len(sizes), links, first)
-    layer = _layers(len(sizes), links, order, first)
+    order = _box_sequence(len(sizes), links, first)
+    layer = _box_layers(len(sizes), links, order, first)
     spots = [Spot(w, h, i, layer[i]) for i, (w, h) in enumerate(sizes)]
     layout = GraphLayout([[] for _ in range(max(layer, default=0) + 1)])
     for i in sorted(range(len(spots)), key=lambda i: order[i]):
         layout.layers[layer[i]].append(spots[i])
-    _connect(layout, spots, links)
-    _sort(layout)
-    _shift(layout)
+    _connect_boxes(layout, spots, links)
+    _sort_layers(layout)
+    _place_spots(layout)
     return layout
 
 
 # ---------------------------------------------------------------- layers
 
 
-def _sequence(count: int, links: Sequence[Link], first: frozenset[int]) -> list[int]:
-    """Position of each box in a sequence in which few arrows go back; those of `first` begin it."""
+def _box_sequence(count: int, links: Sequence[Link], first: frozenset[int]) -> list[int]:
+    """The position of each box in a sequence in which few arrows go back; `first` begins it."""
     left = dict.fromkeys(i for i in range(count) if i not in first)
     head, tail = sorted(first), list[int]()
     while left:
@@ -114,7 +114,7 @@ def _sequence(count: int, links: Sequence[Link], first: frozenset[int]) -> list[
             head += sources
             removed = sources
         else:
-            removed = [max(left, key=lambda i: (_surplus(i, left, links), -i))]
+            removed = [max(left, key=lambda i: (_arrow_surplus(i, left, links), -i))]
             head += removed
         for i in removed:
             del left[i]
@@ -122,15 +122,15 @@ def _sequence(count: int, links: Sequence[Link], first: frozenset[int]) -> list[
     return [position[i] for i in range(count)]
 
 
-def _surplus(i: int, left: dict[int, None], links: Sequence[Link]) -> int:
+def _arrow_surplus(i: int, left: dict[int, None], links: Sequence[Link]) -> int:
     out = sum(k.source == i and k.target in left for k in links)
     return out - sum(k.target == i and k.source in left for k in links)
 
 
-def _layers(
+def _box_layers(
     count: int, links: Sequence[Link], order: Sequence[int], first: frozenset[int]
 ) -> list[int]:
-    """The layer of each box: longest path, then as near to its neighbours as they allow."""
+    """The layer of each box: by its longest path, then moved towards its neighbours."""
     above, below = _neighbours(count, links, order)
     downward = sorted(range(count), key=lambda i: order[i])
     layer = [0] * count
@@ -152,7 +152,7 @@ def _layers(
 def _neighbours(
     count: int, links: Sequence[Link], order: Sequence[int]
 ) -> tuple[list[list[int]], list[list[int]]]:
-    """For each box, those joined to it by an arrow, before it and after it in the sequence."""
+    """For each box, the boxes that an arrow joins to it: those before it, and those after it."""
     above: list[list[int]] = [[] for _ in range(count)]
     below: list[list[int]] = [[] for _ in range(count)]
     ends = {(k.source, k.target) for k in links}
@@ -162,16 +162,16 @@ def _neighbours(
     return above, below
 
 
-def _connect(layout: GraphLayout, spots: Sequence[Spot], links: Sequence[Link]) -> None:
-    """Make the pieces of all links, and the spots where they pass a layer."""
+def _connect_boxes(layout: GraphLayout, spots: Sequence[Spot], links: Sequence[Link]) -> None:
+    """Makes the pieces of all arrows, and the spots where arrows pass a layer."""
     passing: dict[tuple[int, float, bool, int], Spot] = {}
     drawn: set[tuple[int, int, float, float]] = set()
     for k in links:
         up = spots[k.source].layer > spots[k.target].layer
         start, end = spots[k.source].layer, spots[k.target].layer
         step = -1 if up else 1
-        at, at_x = spots[k.source], _beside(spots[k.source], k.source_x, up=up)
-        end_x = _beside(spots[k.target], k.target_x, up=up)
+        at, at_x = spots[k.source], _meeting_x(spots[k.source], k.source_x, up=up)
+        end_x = _meeting_x(spots[k.target], k.target_x, up=up)
         for n in range(start + step, end, step):
             key = (k.source, k.source_x, up, n)
             if key not in passing:
@@ -182,8 +182,8 @@ def _connect(layout: GraphLayout, spots: Sequence[Spot], links: Sequence[Link]) 
         _add_piece(layout, drawn, (at, at_x, spots[k.target], end_x), k, up=up, ends=True)
 
 
-def _beside(spot: Spot, x: float, *, up: bool) -> float:
-    """The x on a spot where an arrow meets it: upward ones beside the downward ones."""
+def _meeting_x(spot: Spot, x: float, *, up: bool) -> float:
+    """The x on a spot where an arrow meets it; upward arrows are beside the downward ones."""
     return min(x + UPWARDS_PX, spot.width - BEND_PX / 2) if up else x
 
 
@@ -196,7 +196,7 @@ def _add_piece(
     up: bool,
     ends: bool,
 ) -> None:
-    """Add a piece, unless it was drawn for another arrow that shares it."""
+    """Adds a piece, unless another arrow that shares it has drawn it."""
     source, source_x, target, target_x = way
     key = (id(source), id(target), source_x, target_x)
     if key in drawn:
@@ -211,15 +211,15 @@ def _add_piece(
 # ---------------------------------------------------------------- order
 
 
-def _sort(layout: GraphLayout) -> None:
-    """Order every layer so that few pieces cross."""
+def _sort_layers(layout: GraphLayout) -> None:
+    """Orders the spots of every layer so that few pieces cross."""
     best, least = [list(layer) for layer in layout.layers], _crossings(layout)
     for sweep in range(SWEEPS):
         downwards = sweep % 2 == 0
         count = len(layout.layers)
         for n in range(1, count) if downwards else range(count - 2, -1, -1):
             _sort_by_means(layout, n, downwards=downwards)
-        _swap(layout)
+        _swap_neighbours(layout)
         now = _crossings(layout)
         if now < least:
             best, least = [list(layer) for layer in layout.layers], now
@@ -228,17 +228,17 @@ def _sort(layout: GraphLayout) -> None:
     layout.layers = best
 
 
-def _places(layer: Sequence[Spot]) -> dict[Spot, float]:
+def _positions(layer: Sequence[Spot]) -> dict[Spot, float]:
     return {spot: float(i) for i, spot in enumerate(layer)}
 
 
 def _share(spot: Spot, x: float) -> float:
-    """The place on a spot where a line meets it, as a share of its width: 0 to less than 1."""
+    """The place where a line meets a spot, as a share of its width: 0 to less than 1."""
     return 0.98 * x / max(spot.width, 1e-9)
 
 
 def _sort_by_means(layout: GraphLayout, n: int, *, downwards: bool) -> None:
-    other = _places(layout.layers[n - 1 if downwards else n + 1])
+    other = _positions(layout.layers[n - 1 if downwards else n + 1])
     met: dict[Spot, list[float]] = {}
     for p in layout.pieces:
         if downwards:
@@ -247,32 +247,32 @@ def _sort_by_means(layout: GraphLayout, n: int, *, downwards: bool) -> None:
             mine, its, x = p.above, p.below, p.below_x
         if mine.layer == n:
             met.setdefault(mine, []).append(other[its] + _share(its, x))
-    wish = _places(layout.layers[n]) | {spot: sum(xs) / len(xs) for spot, xs in met.items()}
+    wish = _positions(layout.layers[n]) | {spot: sum(xs) / len(xs) for spot, xs in met.items()}
     layout.layers[n].sort(key=lambda spot: wish[spot])
 
 
-def _swap(layout: GraphLayout) -> None:
-    """Exchange neighbours where fewer pieces cross then."""
+def _swap_neighbours(layout: GraphLayout) -> None:
+    """Exchanges two neighbours if fewer pieces cross then."""
     for n, layer in enumerate(layout.layers):
         for i in range(len(layer) - 1):
-            before = _around(layout, n)
+            before = _crossings_around(layout, n)
             layer[i], layer[i + 1] = layer[i + 1], layer[i]
-            if _around(layout, n) >= before:
+            if _crossings_around(layout, n) >= before:
                 layer[i], layer[i + 1] = layer[i + 1], layer[i]
 
 
-def _around(layout: GraphLayout, n: int) -> int:
-    above = _between(layout, n - 1) if n else 0
-    return above + (_between(layout, n) if n + 1 < len(layout.layers) else 0)
+def _crossings_around(layout: GraphLayout, n: int) -> int:
+    above = _crossings_between(layout, n - 1) if n else 0
+    return above + (_crossings_between(layout, n) if n + 1 < len(layout.layers) else 0)
 
 
 def _crossings(layout: GraphLayout) -> int:
-    return sum(_between(layout, n) for n in range(len(layout.layers) - 1))
+    return sum(_crossings_between(layout, n) for n in range(len(layout.layers) - 1))
 
 
-def _between(layout: GraphLayout, n: int) -> int:
+def _crossings_between(layout: GraphLayout, n: int) -> int:
     """How many pairs of pieces between the layers n and n + 1 cross."""
-    upper, lower = _places(layout.layers[n]), _places(layout.layers[n + 1])
+    upper, lower = _positions(layout.layers[n]), _positions(layout.layers[n + 1])
     lines = sorted(
         (upper[p.above] + _share(p.above, p.above_x), lower[p.below] + _share(p.below, p.below_x))
         for p in layout.pieces
@@ -284,8 +284,8 @@ def _between(layout: GraphLayout, n: int) -> int:
 # ---------------------------------------------------------------- places
 
 
-def _shift(layout: GraphLayout) -> None:
-    """Give every spot its x, as near to where its neighbours want it as the widths allow."""
+def _place_spots(layout: GraphLayout) -> None:
+    """Gives every spot its x, as near to where its neighbours want it as the widths allow."""
     for layer in layout.layers:
         x = 0.0
         for spot in layer:
@@ -298,7 +298,7 @@ def _shift(layout: GraphLayout) -> None:
     for turn in range(SHIFTS):
         for layer in layout.layers if turn % 2 == 0 else reversed(layout.layers):
             wishes = [_wanted_x(spot, joined.get(spot, [])) for spot in layer]
-            for spot, x in zip(layer, _isotonic(layer, wishes), strict=True):
+            for spot, x in zip(layer, _nearest_places(layer, wishes), strict=True):
                 spot.x = x
     least = min((spot.x for layer in layout.layers for spot in layer), default=0.0)
     for layer in layout.layers:
@@ -307,7 +307,7 @@ def _shift(layout: GraphLayout) -> None:
 
 
 def _wanted_x(spot: Spot, joined: Sequence[tuple[float, Spot, float]]) -> tuple[float, float]:
-    """The x that a spot's neighbours want for it, and its weight."""
+    """The x that a spot's neighbours want for it, and the weight of their wish."""
     total = weight = 0.0
     for own_x, other, other_x in joined:
         w = STRAIGHT if spot.box is None and other.box is None else 1.0
@@ -316,8 +316,8 @@ def _wanted_x(spot: Spot, joined: Sequence[tuple[float, Spot, float]]) -> tuple[
     return (total / weight, weight) if weight else (spot.x, 0.1)
 
 
-def _isotonic(layer: Sequence[Spot], wishes: Sequence[tuple[float, float]]) -> list[float]:
-    """The x nearest to the wanted ones, in weighted least squares, with the order and the gaps."""
+def _nearest_places(layer: Sequence[Spot], wishes: Sequence[tuple[float, float]]) -> list[float]:
+    """The x nearest to the wanted ones, by weighted least squares, that keep order and gaps."""
     starts = [0.0]
     for spot, other in pairwise(layer):
         gap = GAP_PX if spot.box is not None and other.box is not None else BEND_PX

@@ -72,9 +72,9 @@ STYLE = """
 """
 
 
-def draw(graph: DiagramGraph) -> str:
-    """The SVG of a graph; the same graph gives the same text."""
-    sizes = [_size(part) for part in graph.parts]
+def draw_graph(graph: DiagramGraph) -> str:
+    """The SVG of a graph; the same graph always gives the same text."""
+    sizes = [_part_size(part) for part in graph.parts]
     at = {key: (i, x) for i, part in enumerate(graph.parts) for key, x in _anchors(part).items()}
     links = [
         Link(*at[a.source], *at[a.target], names=(a.source, a.target))
@@ -82,7 +82,7 @@ def draw(graph: DiagramGraph) -> str:
         if a.source in at and a.target in at
     ]
     layout = lay_out(sizes, links, frozenset(at[key][0] for key in graph.first))
-    tops = _tops(layout)
+    tops = _layer_tops(layout)
     upwards = any(piece.up for piece in layout.pieces)
     ends = (s.x + s.width for layer in layout.layers for s in layer)
     inner = max(LEGEND_WIDTH_PX, *ends)
@@ -92,8 +92,8 @@ def draw(graph: DiagramGraph) -> str:
     inside = [
         f'<rect class="back" width="{width:.0f}" height="{height:.0f}"/>',
         f'<g transform="translate({MARGIN_PX:g} {MARGIN_PX:g})">',
-        *_wires(layout, tops),
-        *(line for layer in layout.layers for spot in layer for line in _box(graph, spot, tops)),
+        *_arrow_lines(layout, tops),
+        *(line for layer in layout.layers for spot in layer for line in _spot(graph, spot, tops)),
         f'<g class="legend" transform="translate(0 {tops[-1]:.1f})">{legend[0]}</g>',
         "</g>",
     ]
@@ -110,16 +110,16 @@ def draw(graph: DiagramGraph) -> str:
 
 
 def text_width(text: str, size: float = 13.0) -> float:
-    """About the width of a text in sans-serif letters of `size` px, rather too large."""
+    """About the width in px of a text in sans-serif letters of `size` px, rather too large."""
     ems = sum(
         0.33 if c in NARROW else 0.92 if c in WIDE else 0.7 if c.isupper() else 0.6 for c in text
     )
     return ems * size
 
 
-def _size(part: Part) -> tuple[float, float]:
+def _part_size(part: Part) -> tuple[float, float]:
     if isinstance(part, ModuleFrame):
-        inner = [_size(p) for p in part.inside]
+        inner = [_part_size(p) for p in part.inside]
         wide = sum(w for w, _ in inner) + INSIDE_GAP * (len(inner) - 1) + 2 * FRAME_PAD
         high = max(h for _, h in inner) + TITLE_PX + 2 * FRAME_PAD
         return max(wide, text_width(part.title) + 2 * FRAME_PAD), high
@@ -129,18 +129,18 @@ def _size(part: Part) -> tuple[float, float]:
 
 
 def _anchors(part: Part, left: float = 0.0) -> dict[str, float]:
-    """By key, the x where arrows meet a part and each part inside, from the outermost's left."""
-    width, _ = _size(part)
+    """By key, the x where arrows meet a part or a part inside, from the outermost's left edge."""
+    width, _ = _part_size(part)
     x_by_key = {part.key: left + width / 2}
     if isinstance(part, ModuleFrame):
         x = left + FRAME_PAD
         for inner in part.inside:
             x_by_key |= _anchors(inner, x)
-            x += _size(inner)[0] + INSIDE_GAP
+            x += _part_size(inner)[0] + INSIDE_GAP
     return x_by_key
 
 
-def _tops(layout: GraphLayout) -> list[float]:
+def _layer_tops(layout: GraphLayout) -> list[float]:
     """The upper edge of each layer, and of the space below the last."""
     tops = [0.0]
     for layer in layout.layers:
@@ -153,16 +153,16 @@ def _tops(layout: GraphLayout) -> list[float]:
 # ---------------------------------------------------------------- boxes
 
 
-def _box(graph: DiagramGraph, spot: Spot, tops: Sequence[float]) -> Iterator[str]:
-    """A part, which hangs from the top of its layer."""
+def _spot(graph: DiagramGraph, spot: Spot, tops: Sequence[float]) -> Iterator[str]:
+    """Yields the SVG of the part at a spot, which hangs from the top of its layer."""
     if spot.box is not None:
-        yield from _part(graph.parts[spot.box], spot.x, tops[spot.layer])
+        yield from _part_lines(graph.parts[spot.box], spot.x, tops[spot.layer])
 
 
-def _part(part: Part, x: float, y: float) -> Iterator[str]:
-    width, height = _size(part)
+def _part_lines(part: Part, x: float, y: float) -> Iterator[str]:
+    width, height = _part_size(part)
     if isinstance(part, DiagramBox):
-        yield _cell(part, (x, y, width, height))
+        yield _box_element(part, (x, y, width, height))
         return
     name = escape(part.key.removeprefix("m:"), quote=True)
     yield (
@@ -172,14 +172,14 @@ def _part(part: Part, x: float, y: float) -> Iterator[str]:
     )
     left = x + FRAME_PAD
     for inner in part.inside:
-        high = _size(inner)[1]
-        lowest = y + TITLE_PX + FRAME_PAD + max(_size(p)[1] for p in part.inside) - high
-        yield from _part(inner, left, lowest)
-        left += _size(inner)[0] + INSIDE_GAP
+        high = _part_size(inner)[1]
+        lowest = y + TITLE_PX + FRAME_PAD + max(_part_size(p)[1] for p in part.inside) - high
+        yield from _part_lines(inner, left, lowest)
+        left += _part_size(inner)[0] + INSIDE_GAP
     yield "</g>"
 
 
-def _cell(cell: DiagramBox, place: tuple[float, float, float, float]) -> str:
+def _box_element(cell: DiagramBox, place: tuple[float, float, float, float]) -> str:
     x, y, width, _ = place
     kind = "topics" if cell.kind in {"topic", "input"} else "component"
     names = escape(" ".join(cell.names), quote=True)
@@ -192,12 +192,12 @@ def _cell(cell: DiagramBox, place: tuple[float, float, float, float]) -> str:
             texts.append(f'<text class="caption" {place_of}>{escape(cell.caption)}</text>')
         base += LINE_PX
     return (
-        f'<g class="{cell.kind}" data-{kind}="{names}">{_shape(cell.kind, place)}'
+        f'<g class="{cell.kind}" data-{kind}="{names}">{_outline(cell.kind, place)}'
         f"{''.join(texts)}</g>"
     )
 
 
-def _shape(kind: str, place: tuple[float, float, float, float]) -> str:
+def _outline(kind: str, place: tuple[float, float, float, float]) -> str:
     """The outline of a box; kinds differ in shape as well as in colour."""
     x, y, width, height = place
     if kind == "dm":
@@ -221,7 +221,7 @@ def _legend(width: float, *, upwards: bool) -> tuple[str, float]:
         wide = 34 + text_width(text, 11.0) + 16
         if x and x + wide > width:
             x, y = 0.0, y + 22
-        shape = _upward(x + 13, y) if kind == "up" else _shape(kind, (x + 1, y - 8, 24, 14))
+        shape = _upward(x + 13, y) if kind == "up" else _outline(kind, (x + 1, y - 8, 24, 14))
         parts.append(
             f'<g class="{kind}">{shape}<text class="caption" style="text-anchor:start" '
             f'x="{x + 32:.1f}" y="{y + 3:.1f}">{escape(text)}</text></g>'
@@ -231,7 +231,7 @@ def _legend(width: float, *, upwards: bool) -> tuple[str, float]:
 
 
 def _upward(x: float, y: float) -> str:
-    """The sample of an upward arrow in the legend."""
+    """The upward arrow in the legend."""
     return (
         f'<path class="wire up" d="M{x:.1f} {y + 8:.1f}V{y - 2:.1f}"/>'
         f'<path class="head up" d="M{x:.1f} {y - 9:.1f}L{x - 4:.1f} {y - 1.5:.1f}H{x + 4:.1f}Z"/>'
@@ -241,27 +241,27 @@ def _upward(x: float, y: float) -> str:
 # ---------------------------------------------------------------- arrows
 
 
-def _wires(layout: GraphLayout, tops: Sequence[float]) -> Iterator[str]:
-    """The lines, and the heads where they end."""
+def _arrow_lines(layout: GraphLayout, tops: Sequence[float]) -> Iterator[str]:
+    """Yields the lines of arrows, and the heads at their ends."""
     yield from (
-        _passing(spot, layout, tops)
+        _passing_line(spot, layout, tops)
         for layer in layout.layers
         for spot in layer
         if spot.box is None
     )
     for piece in layout.pieces:
-        yield from _wire(piece, tops)
+        yield from _piece_lines(piece, tops)
 
 
-def _passing(spot: Spot, layout: GraphLayout, tops: Sequence[float]) -> str:
-    """The straight line beside the boxes of a layer."""
+def _passing_line(spot: Spot, layout: GraphLayout, tops: Sequence[float]) -> str:
+    """The straight line of an arrow beside the boxes of a layer."""
     up = any(p.up for p in layout.pieces if spot in (p.above, p.below))
     x = spot.x + spot.width / 2
     end = tops[spot.layer] + max((s.height for s in layout.layers[spot.layer]), default=0.0)
     return f'<path class="wire{" up" * up}" d="M{x:.1f} {tops[spot.layer]:.1f}V{end:.1f}"/>'
 
 
-def _wire(p: Piece, tops: Sequence[float]) -> Iterator[str]:
+def _piece_lines(p: Piece, tops: Sequence[float]) -> Iterator[str]:
     x0, x1 = p.above.x + p.above_x, p.below.x + p.below_x
     y1 = tops[p.below.layer]
     bottom = tops[p.below.layer] - BETWEEN_PX
@@ -283,5 +283,5 @@ def _wire(p: Piece, tops: Sequence[float]) -> Iterator[str]:
 
 
 def picture(system: System) -> str:
-    """The SVG of a flat system: a whole file, in light and dark; the same system, the same text."""
-    return draw(graph_of(system))
+    """The SVG of a flat system: a whole file, for light and dark."""
+    return draw_graph(graph_of(system))

@@ -65,7 +65,7 @@ class DiagramGraph:
     first: frozenset[str] = frozenset()
 
 
-def cells(part: Part) -> tuple[DiagramBox, ...]:
+def boxes_in(part: Part) -> tuple[DiagramBox, ...]:
     """The boxes of a part, from left to right."""
     return (part,) if isinstance(part, DiagramBox) else part.inside
 
@@ -76,12 +76,12 @@ TOGETHER_MAX = 9
 
 
 def graph_of(system: System) -> DiagramGraph:
-    """The graph of a system: every component once, every topic of the program once."""
-    frames = _frames(system)
-    framed = {cell.key for frame in frames for cell in cells(frame)}
-    alone = [_component(c) for c in system.components if _key(c) not in framed]
-    writers, readers = _writers(system), _readers(system)
-    topics, boxes = _topics(system, writers, readers)
+    """The graph of a system: each component once, and each topic of the program once."""
+    frames = _module_frames(system)
+    framed = {cell.key for frame in frames for cell in boxes_in(frame)}
+    alone = [_component_box(c) for c in system.components if _key(c) not in framed]
+    writers, readers = _topic_writers(system), _topic_readers(system)
+    topics, boxes = _topic_boxes(system, writers, readers)
     arrows: dict[Edge, None] = {}
     for topic, box in boxes.items():
         arrows |= dict.fromkeys(Edge(key, box) for key in writers[topic])
@@ -97,13 +97,13 @@ def _key(c: Component) -> str:
     return f"c:{c.name}"
 
 
-def _component(c: Component) -> DiagramBox:
-    """A box: the name, and below it what it is and how often it runs."""
+def _component_box(c: Component) -> DiagramBox:
+    """The box of a component: its name, and below it what it is and how often it runs."""
     name = c.name.rpartition(".")[2] if c.role in ROLES else c.name
     lines = [ROLES[c.role]] if c.role in ROLES else []
     symbol = c.plant or c.node
-    if c.role in {"plant", "node"} and symbol is not None and _short(symbol.name) != _short(name):
-        lines.append(_short(symbol.name))
+    if c.role in {"plant", "node"} and symbol is not None and _last(symbol.name) != _last(name):
+        lines.append(_last(symbol.name))
     lines.append(show_ns(c.period_ns))
     if c.extern:
         lines.append("extern")
@@ -114,23 +114,23 @@ def _component(c: Component) -> DiagramBox:
     return DiagramBox(_key(c), c.role, (name,), " · ".join(lines), (c.name,))
 
 
-def _short(name: str) -> str:
+def _last(name: str) -> str:
     return name.rpartition(".")[2]
 
 
-def _frames(system: System) -> list[ModuleFrame]:
-    """Frames of the modules."""
-    return [_frame(system, m) for m in system.modules]
+def _module_frames(system: System) -> list[ModuleFrame]:
+    """The frame of each module."""
+    return [_module_frame(system, m) for m in system.modules]
 
 
-def _frame(system: System, m: Module) -> ModuleFrame:
-    inside = tuple(_component(system.components[i]) for i in (m.ac, m.dm, m.sc))
+def _module_frame(system: System, m: Module) -> ModuleFrame:
+    inside = tuple(_component_box(system.components[i]) for i in (m.ac, m.dm, m.sc))
     held = "" if m.forced is None else f" (always {m.forced.upper()})"
     return ModuleFrame(f"m:{m.name}", f"{m.name}{held}", inside)
 
 
 def _arrow_ends(frames: Iterable[ModuleFrame], readers: frozenset[str]) -> list[str]:
-    """The ends of arrows to these readers: a frame, if everything inside it reads."""
+    """The ends of arrows to these readers: a frame, if every box in it reads, else boxes."""
     left, ends = set(readers), []
     for frame in frames:
         inside = {cell.key for cell in frame.inside}
@@ -144,11 +144,11 @@ def _arrow_ends(frames: Iterable[ModuleFrame], readers: frozenset[str]) -> list[
 
 
 def _program_topics(system: System) -> list[int]:
-    """The topics of the program, without queues and what only holds values."""
+    """The topics of the program, without queues and topics that only hold values back."""
     return [t.index for t in system.topics if t.queue_of is None and not t.held]
 
 
-def _writers(system: System) -> dict[int, frozenset[str]]:
+def _topic_writers(system: System) -> dict[int, frozenset[str]]:
     """Topic -> keys of what writes it; the outputs of a module come from its frame."""
     writers_by_topic: dict[int, set[str]] = {i: set() for i in _program_topics(system)}
     gated = {i: f"m:{m.name}" for m in system.modules for i in m.outputs}
@@ -161,7 +161,7 @@ def _writers(system: System) -> dict[int, frozenset[str]]:
     return {i: frozenset(keys) for i, keys in writers_by_topic.items()}
 
 
-def _readers(system: System) -> dict[int, frozenset[str]]:
+def _topic_readers(system: System) -> dict[int, frozenset[str]]:
     """Topic -> keys of the components that read it."""
     readers_by_topic: dict[int, set[str]] = {}
     for c in system.components:
@@ -176,10 +176,10 @@ def _readers(system: System) -> dict[int, frozenset[str]]:
     return {i: frozenset(readers_by_topic.get(i, ())) for i in _program_topics(system)}
 
 
-def _topics(
+def _topic_boxes(
     system: System, writers: dict[int, frozenset[str]], readers: dict[int, frozenset[str]]
 ) -> tuple[list[DiagramBox], dict[int, str]]:
-    """The boxes of topics, and for each topic the key of its box; unused topics are left out."""
+    """The boxes of topics, and for each topic the key of its box; unused topics have none."""
     groups: dict[object, list[int]] = {}
     for i in _program_topics(system):
         if writers[i] or readers[i]:
@@ -197,7 +197,7 @@ def _topics(
 
 
 def _is_from_outside(system: System, topic: int) -> bool:
-    """Whether the environment alone sets a topic."""
+    """Whether only the environment sets a topic."""
     drawn = {d.topic for d in system.inputs} | {e.topic for e in system.externals}
     driven = system.topics[topic].driver
     return driven == "input" or (topic in drawn and driven in {"", "input"})

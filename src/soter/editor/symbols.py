@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from lsprotocol import types as lsp
 
 from soter.diagnostics.diagnostic import Diagnostics, Edit, Fix, Source, Span
-from soter.diagnostics.fixes import applied
+from soter.diagnostics.fixes import apply_fix
 from soter.editor.name_resolution import index_of
 from soter.editor.protocol_conversions import Lines, path_of_span
 from soter.language.check.scope import KINDS
@@ -182,7 +182,7 @@ def rename_spans(
     edits = tuple(Edit(use.span, name) for use in uses)
     texts = {
         path_of_span(Edit(use.span, name).span).resolve(): text
-        for source, text in applied(Fix("", edits)).items()
+        for source, text in apply_fix(Fix("", edits)).items()
         for use in uses
         if use.span.source is source
     }

@@ -46,9 +46,9 @@ NO_HARM = "that others of what its contract permits do no harm is assumed"
 
 
 def replacements_in_test(test: typed.TestSymbol) -> tuple[tuple[str, str], ...]:
-    """The replacements in a test: path of the instance, name of what replaces it.
+    """The path of each instance that a test replaces, and the name of what replaces it.
 
-    Instances that their contract replaces are not among them (`contract_notes`).
+    Instances that their contract replaces are left out (`contract_notes`).
     """
     pairs = [*_replacements_in_system(test.system), *((p, by) for p, by, _ in test.replaces)]
     replacements = {path: by.name for path, by in pairs if not isinstance(by, typed.ByContract)}
@@ -58,7 +58,7 @@ def replacements_in_test(test: typed.TestSymbol) -> tuple[tuple[str, str], ...]:
 def _replacements_in_system(
     system: typed.SystemSymbol, prefix: str = ""
 ) -> Iterator[tuple[str, typed.NodeSymbol | typed.PlantSymbol | typed.ByContract]]:
-    """The replacements in a system, after those in systems inside it, which it overrides."""
+    """Yields the replacements in systems inside this one, then its own, which override them."""
     for name, instance in system.by_name.items():
         if isinstance(instance.what, typed.SystemSymbol):
             yield from _replacements_in_system(instance.what, f"{prefix}{name}.")
@@ -66,7 +66,7 @@ def _replacements_in_system(
 
 
 def contract_notes(system: System) -> Iterator[str]:
-    """A sentence for each module and node that is replaced by its contract."""
+    """Yields a sentence for each module and node that is replaced by its contract."""
     stand_ins: dict[str, list[StandIn]] = {}
     for c in system.components:
         if c.stands_for is not None:
@@ -82,7 +82,7 @@ def _stand_in_notes(system: System, instance: str, group: list[StandIn]) -> Iter
     more = f"; not asked for, so that more is permitted: {omitted}" if omitted else ""
     tested = _contract_test_note(system, instance)
     yield f"{instance} is replaced by its contract ({clauses}{more}): {tested}"
-    tests = [name for name, how in _guarantee_tests(system, instance) if not how]
+    tests = [name for name, how in _tests_with_instance(system, instance) if not how]
     others_note = f"that it publishes no other is asked by {listed(tests)}" if tests else NO_HARM
     for text in dict.fromkeys(t for s in group for t in s.tried):
         yield f"what stands for {instance} was tried with {text} alone: {others_note}"
@@ -94,7 +94,7 @@ def _join_distinct(texts: Iterable[str]) -> str:
 
 def _contract_test_note(system: System, instance: str) -> str:
     tests_by_condition: dict[str, list[str]] = {}
-    for name, how in _guarantee_tests(system, instance):
+    for name, how in _tests_with_instance(system, instance):
         tests_by_condition.setdefault(how, []).append(name)
     if "" in tests_by_condition:
         return (
@@ -108,29 +108,30 @@ def _contract_test_note(system: System, instance: str) -> str:
 
 
 def tests_by_contract(system: System) -> dict[str, list[str]]:
-    """For each instance that a contract replaces the tests in which it runs as it is."""
+    """For each instance that a contract replaces, the tests that run the instance itself."""
     names = {c.stands_for.of for c in system.components if c.stands_for is not None}
     return {
-        path: [n for n, how in _guarantee_tests(system, path) if not how] for path in sorted(names)
+        path: [n for n, how in _tests_with_instance(system, path) if not how]
+        for path in sorted(names)
     }
 
 
-def _guarantee_tests(system: System, instance: str) -> Iterator[tuple[str, str]]:
-    """Tests of the program that have it, and how; none of a test that is made up on the way."""
+def _tests_with_instance(system: System, instance: str) -> Iterator[tuple[str, str]]:
+    """Yields each test that runs the instance itself, and how that test differs from this one."""
     tests = system.program.tests
     here = tests.get(test_plan(system).name)
     for name, test in tests.items():
-        how = None if here is None else _guarantee_test_condition(test, here, instance)
+        how = None if here is None else _difference_from_own_run(test, here, instance)
         if how is not None:
             yield name, how
 
 
-def _guarantee_test_condition(
+def _difference_from_own_run(
     test: typed.TestSymbol, here: typed.TestSymbol, instance: str
 ) -> str | None:
-    """How a test differs from one in which what `here` replaces runs as it is; "": it is one.
+    """How `test` differs from `here` with `instance` running itself, in words; "": it does not.
 
-    None where it is not in it, or replaced in it, too.
+    None if `test` does not have the instance, or replaces it as well.
     """
     original = symbol_at_path(test, instance)
     replaced = (
@@ -142,19 +143,19 @@ def _guarantee_test_condition(
         return None
     if test.system is not here.system:
         return "in another system"
-    if _set_parameters(test) != _set_parameters(here):
+    if _parameter_settings(test) != _parameter_settings(here):
         return "with other parameters"
     return "but for a controller" if replaced else ""
 
 
-def _set_parameters(test: typed.TestSymbol) -> set[tuple[str, typed.ParamSymbol, str]]:
+def _parameter_settings(test: typed.TestSymbol) -> set[tuple[str, typed.ParamSymbol, str]]:
     return {(s.path, s.param, repr(s.value)) for s in test.sets}
 
 
 def _replaced_paths(
     test: typed.TestSymbol, replaced: typed.ModuleSymbol | typed.NodeSymbol, instance: str
 ) -> set[str]:
-    """The paths in a module or node that a test replaces; `instance` is the one of all of it."""
+    """The paths that a test replaces in a module or node; `instance` stands for the whole of it."""
     inside = replaced.own if isinstance(replaced, typed.ModuleSymbol) else ()
     paths: set[str] = set()
     for path, _, _ in test.replaces:
@@ -172,7 +173,7 @@ NAMED = 12
 
 
 def setting_notes(system: System) -> Iterator[str]:
-    """A sentence for all parameters, one for each forced module and each driven input."""
+    """Yields a sentence on the parameters, and one for each forced module and driven input."""
     yield from _parameter_note(system)
     for module in system.modules:
         if module.forced is not None:
@@ -191,14 +192,14 @@ def setting_notes(system: System) -> Iterator[str]:
         yield f"{topic.name} takes {taken} {every}: no other value and no other time was tried"
 
 
-def partly_driven(system: System) -> list[str]:
-    """The names of inputs that take only some values of their sets."""
+def partly_driven_inputs(system: System) -> list[str]:
+    """The names of the inputs that take only some values of their sets."""
     drives = [(system.topics[d.topic], d) for d in system.inputs if d.values]
     return [topic.name for topic, drive in drives if not covers_whole_set(topic, drive)]
 
 
 def covers_whole_set(topic: Topic, drive: InputDrive) -> bool:
-    """Whether the values of a drive are all that the set of its topic has."""
+    """Whether an input takes every value of its topic's set."""
     counts = [
         _count_values(t, b) for (_, t), b in zip(leaves(topic.type), topic.bounds, strict=True)
     ]
@@ -208,7 +209,7 @@ def covers_whole_set(topic: Topic, drive: InputDrive) -> bool:
 
 
 def topic_set_text(topic: Topic) -> str:
-    """The set of a topic as people write it."""
+    """The set of a topic in words: the interval of a topic of one number, else "its set"."""
     bound = topic.bounds[0] if len(topic.bounds) == 1 else None
     if bound is None:
         return "its set"
@@ -219,7 +220,7 @@ def topic_set_text(topic: Topic) -> str:
 
 
 def _count_values(t: Type, bound: Bound | None) -> float:
-    """How many values a leaf may have; infinity for a float that may have more than one."""
+    """How many values a leaf can have; infinity for a float whose interval is no single point."""
     if isinstance(t, BoolType):
         return 2
     if isinstance(t, EnumType):
@@ -232,7 +233,7 @@ def _count_values(t: Type, bound: Bound | None) -> float:
 
 
 def _parameter_note(system: System) -> Iterator[str]:
-    """Words for each parameter's value; those that were set come first, with the declared value."""
+    """Yields one sentence with the values of all parameters, those that were set first."""
     changed, values = [], []
     for name, value in system.params.items():
         param = system.program.param(name)
@@ -254,8 +255,8 @@ PLACES = 3
 """The most places of the program that are named."""
 
 
-def undriven(system: System) -> list[str]:
-    """The names of inputs that somebody reads and nobody draws."""
+def undriven_inputs(system: System) -> list[str]:
+    """The names of topics from outside that get no value from the test."""
     drawn = {d.topic for d in system.inputs}
     return [
         t.name
@@ -271,7 +272,7 @@ def test_assumptions(
     replaced: Sequence[tuple[str, str]],
     times: TimeChoices | None,
 ) -> Iterator[str]:
-    """All assumptions of a test; `replaced`: components and what stands in their place.
+    """Yields every assumption of a test; `replaced`: components, and what replaces them.
 
     `times`: the grid on which steps chose their times; None: no step could choose.
     """
@@ -279,7 +280,7 @@ def test_assumptions(
     yield _horizon_note(show_ns(plan.horizon_ns), search_result)
     yield _step_order_note(plan, times)
     yield from setting_notes(system)
-    for name in undriven(system):
+    for name in undriven_inputs(system):
         yield f"{name} keeps its default: the test has no `input {name} every ...;`"
     yield from (f"{system.components[f.component].name} {_fault_words(f)}" for f in plan.faults)
     for name, by in replaced:
@@ -289,7 +290,7 @@ def test_assumptions(
     but = "unless it overruns" + (" or takes time" if lasts else "")
     yield f"steps are atomic: a step reads, computes and publishes at one time, {but}"
     yield "the compiled steps are those that `soter build` deploys: the same C, the same arithmetic"
-    yield from _time_grid_gaps(times)
+    yield from _time_grid_notes(times)
     if not search_result.closed_ns and any(p.kind in ("eventually", "leadsto") for p in plan.timed):
         yield "deadlines beyond the horizon are not judged"
     if not system.properties and not plan.timed:
@@ -315,7 +316,7 @@ def _horizon_note(horizon: str, search_result: Found) -> str:
 
 
 def _fault_words(fault: TimingFault) -> str:
-    """Words on what a fault does to the steps of a component."""
+    """Says what a timing fault does to the steps of its component."""
     if fault.kind == "skip":
         return f"loses at most {fault.at_most} release{_plural_ending(fault.at_most)} in a row"
     if fault.least_ns:
@@ -346,8 +347,8 @@ def _step_order_note(plan: TestPlan, times: TimeChoices | None) -> str:
     )
 
 
-def _time_grid_gaps(times: TimeChoices | None) -> Iterator[str]:
-    """Notes on places where the program calculates with times, passes on or compares too many."""
+def _time_grid_notes(times: TimeChoices | None) -> Iterator[str]:
+    """Yields notes on code that uses the time in ways that the grid of times does not cover."""
     if times is None:
         return
     for spans, reason in (
@@ -364,7 +365,7 @@ def _time_grid_gaps(times: TimeChoices | None) -> Iterator[str]:
 
 
 def _coverage_limit_note(system: System) -> Iterator[str]:
-    """A note on scalars of topics that coverage has no room for."""
+    """Yields a note if topics have more scalars than coverage counts."""
     topics = [t for t in system.topics if t.queue_of is None]
     scalars = sum("[]" not in path for t in topics for path, _ in leaves(t.type))
     if scalars > LEAVES_MAX:
@@ -376,7 +377,7 @@ def _plural_ending(count: int) -> str:
 
 
 def _sampled_floats_note(system: System) -> Iterator[str]:
-    """A note on continua of which only three values were taken."""
+    """Yields a note on the floats for which the search tried only three values."""
     names = [
         f"{c.name}.{d.variable.name}"
         for c in system.components
@@ -398,7 +399,7 @@ def _sampled_floats_note(system: System) -> Iterator[str]:
 
 
 def drawn_disturbances(system: System) -> list[str]:
-    """The names of disturbances drawn by chance from the seed, the same for all executions."""
+    """The names of the disturbances that are drawn from the seed once, for all executions."""
     return [
         f"{c.name}.{d.variable.name}"
         for c in system.components

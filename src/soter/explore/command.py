@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Protocol
 from soter.diagnostics.diagnostic import SoterError
 from soter.explore import assumptions, vacuous_tests
 from soter.explore.judge import test_plan
-from soter.explore.replay import find_violation_id, replay, with_values
+from soter.explore.replay import find_violation_id, replay, with_chosen_values
 from soter.explore.results import (
     BOUND,
     BOUNDS,
@@ -83,21 +83,21 @@ def vacuous_parts_of_search(
     search_result: Found,
     replaced: Sequence[tuple[str, str]],
 ) -> tuple[VacuousPart, ...]:
-    """The parts of a test that say nothing; unmet ones count if the search came to its end."""
+    """The parts of a test that say nothing; only a search that ended shows what is never met."""
     ended = search_result.status == "exhausted" and search.options.strategy not in SAMPLING
     never = coverage.modes.unreached
     return vacuous_tests.find_vacuous_parts(
-        system, search.judged_and_tested(), never, replaced, ended=ended
+        system, search.judged_and_tested_properties(), never, replaced, ended=ended
     )
 
 
-def uncovered_bound(system: System, search: Search, coverage: Coverage) -> str | None:
-    """What an exhaustive search of a test does not cover; None where it is every execution."""
+def coverage_bound(system: System, search: Search, coverage: Coverage) -> str | None:
+    """The bound that keeps an exhausted search from covering all executions; None: nothing."""
     if not coverage.properties.reached:
         return UNJUDGED
-    if assumptions.undriven(system):
+    if assumptions.undriven_inputs(system):
         return UNDRIVEN
-    if assumptions.partly_driven(system):
+    if assumptions.partly_driven_inputs(system):
         return PICKED
     if assumptions.drawn_disturbances(system):
         return DRAWN
@@ -109,7 +109,7 @@ def uncovered_bound(system: System, search: Search, coverage: Coverage) -> str |
 def search_verdict(
     search_result: Found, options: SearchOptions, short_of: str | None
 ) -> tuple[str, str | None]:
-    """The verdict, and which bound was reached; `short_of`: the bound of a search that ended."""
+    """The verdict, and the bound that was reached; `short_of`: the bound of an exhausted search."""
     if search_result.status == "violated":
         return VIOLATED, None
     if search_result.status == "exhausted":
@@ -119,8 +119,8 @@ def search_verdict(
     return BOUND, TIME if search_result.stopped == TIME else ENDS[search_result.status]
 
 
-def covered_before(search_result: Found, system: System, options: SearchOptions) -> int | None:
-    """The time before which everything was judged; None where executions are drawn by chance."""
+def covered_before_ns(search_result: Found, system: System, options: SearchOptions) -> int | None:
+    """The time before which every execution was judged; None if executions are drawn by chance."""
     if options.strategy in SAMPLING:
         return None
     return min(search_result.covered_ns, test_plan(system).horizon_ns)
@@ -169,9 +169,10 @@ def explore_test(
     progress: Progress | None = None,
     listener: Interruptions | None = None,
 ) -> TestResult:
-    """Explores a flattened test; a violation is minimised and replayed: `UnreproducedError`.
+    """Explores a flattened test; a violation is shrunk, and replayed by the interpreter.
 
-    If it is interrupted after it was compiled, the result is what was covered.
+    UnreproducedError if the replay does not show it. After an interruption the result has what was
+    covered until then.
     """
     from soter.explore.engine.search import Search as Engine  # noqa: PLC0415 - needs a compiler
 
@@ -196,10 +197,10 @@ def explore_test(
 def _judge_search(
     system: System, search: Search, search_result: Found, replaced: Sequence[tuple[str, str]]
 ) -> TestResult:
-    """The result of a search, with its verdict and what was covered, before any trace."""
+    """The verdict and the coverage of a search, as a result that has no trace yet."""
     options, coverage = search.options, search.coverage()
     says_nothing = vacuous_parts_of_search(system, search, coverage, search_result, replaced)
-    short_of = uncovered_bound(system, search, coverage)
+    short_of = coverage_bound(system, search, coverage)
     verdict, bound = search_verdict(search_result, options, short_of)
     return TestResult(
         name=test_plan(system).name,
@@ -215,11 +216,11 @@ def _judge_search(
         bits=search.bits,
         parts=search.parts,
         contracts=assumptions.tests_by_contract(system),
-        stands_for=tuple([r for r in replaced if r[0] not in search.unheard]),
+        stands_for=tuple([r for r in replaced if r[0] not in search.unheard_actors]),
         table_bytes=search_result.table_bytes,
         frontier_bytes=search_result.frontier_bytes,
         total_bytes=search_result.total_bytes,
-        covered_ns=covered_before(search_result, system, options),
+        covered_ns=covered_before_ns(search_result, system, options),
         closed_ns=search_result.closed_ns or None,
         short_of=short_of if short_of not in (bound, UNJUDGED) else None,
         threads=search_result.threads,
@@ -236,7 +237,7 @@ def _judge_search(
 
 @contextmanager
 def _without_signals(listener: Interruptions | None) -> Iterator[None]:
-    """A `with` block in which signals raise nothing."""
+    """Makes a `with` block in which signals do not raise KeyboardInterrupt."""
     if listener is None:
         yield
         return
@@ -248,7 +249,7 @@ def _without_signals(listener: Interruptions | None) -> Iterator[None]:
 
 
 def _note_interruption(result: TestResult) -> None:
-    """Notes in the result that an interruption came after the violation was found."""
+    """Notes in the result that the user interrupted the work on a violation that was found."""
     if result.replayed is None:
         result.unshown = INTERRUPTED
     else:
@@ -258,12 +259,12 @@ def _note_interruption(result: TestResult) -> None:
 def _find_other_violations(
     result: TestResult, search: Search, search_result: Found, header: TraceHeader
 ) -> None:
-    """Looks for other properties that can be violated, with a search for each."""
+    """Searches for violations of the other properties, one search after each that is found."""
     assert search_result.broken is not None
     known, others = [search_result.broken], []
     while True:
         search_result = search.run(tuple(known))
-        short_of = uncovered_bound(result.system, search, search.coverage())
+        short_of = coverage_bound(result.system, search, search.coverage())
         verdict, bound = search_verdict(search_result, result.options, short_of)
         if verdict != VIOLATED:
             result.others_bound = bound
@@ -295,18 +296,18 @@ def _find_other_violations(
 
 
 def _bound_reason(bound: str | None, search: Search, search_result: Found) -> str:
-    """The bound that was reached, in words."""
+    """Says in words why the search stopped at its bound; "" without a bound."""
     if bound is None:
         return ""
     if search_result.status == "no_memory" and search_result.needed_bytes:
         return f"{BOUNDS[MEMORY]}: the first tables alone take {search_result.needed_bytes:,} bytes"
-    return bound_text(bound, search.options, search.chooser(search_result), search.words)
+    return bound_text(bound, search.options, search.chooser_text(search_result), search.words)
 
 
 def _enter_trace(
     result: TestResult, search: Search, search_result: Found, header: TraceHeader
 ) -> None:
-    """Enters the trace of a violation: the least one, replayed by the interpreter."""
+    """Shortens the violation's trace, replays it and enters it, or why there is none to show."""
     assert search_result.broken is not None
     kind, index = search_result.broken
     result.broken = find_violation_id(result.system, VIOLATION_KINDS[kind], index)
@@ -320,11 +321,11 @@ def _enter_trace(
     replayed = replay(trace, result.system)
     if not replayed.reproduced:
         raise UnreproducedError(replayed)
-    result.replayed = with_values(replayed)
+    result.replayed = with_chosen_values(replayed)
 
 
 def _why_unshown(search_result: Found, *, interrupted: bool) -> str:
-    """Why there is no execution that shows a violation, as a key of `UNSHOWN`."""
+    """The key in `UNSHOWN` of the reason why no execution shows the violation."""
     if interrupted:
         return INTERRUPTED
     if search_result.stopped == TIME:
@@ -335,10 +336,10 @@ def _why_unshown(search_result: Found, *, interrupted: bool) -> str:
 
 
 def _minimised_steps(result: TestResult, search: Search, search_result: Found) -> tuple[Step, ...]:
-    """The least trace to the violation, or the smallest that was found; the result says why.
+    """The shortest trace that was found; the result notes whether no shorter one exists.
 
-    A sampled trace is long, so it is shrunk first. Otherwise the least one is searched first, and
-    shrinking follows if that does not end. Each has half of the time, and what the other has left.
+    A sampled trace is long: it is shrunk first. Any other is searched for the least one first, and
+    shrunk if that search does not end. Each has half of the time, and what the other leaves over.
     """
     if search_result.stopped == INTERRUPTED:
         result.least_bound = INTERRUPTED
@@ -366,7 +367,7 @@ def _minimised_steps(result: TestResult, search: Search, search_result: Found) -
 def _find_least(
     result: TestResult, search: Search, search_result: Found, patience_s: float
 ) -> tuple[Step, ...]:
-    """The least trace to the violation; empty if it was not found, and the result says why."""
+    """The least trace to the violation; empty if it was not found, for a reason in the result."""
     least = search.least(search_result, patience_s)
     result.minimise_s += least.seconds
     result.minimal = least.status == "violated" and bool(least.steps)
@@ -378,7 +379,7 @@ def _find_least(
 
 
 def _shrink(result: TestResult, search: Search, search_result: Found, patience_s: float) -> Found:
-    """What was found, or a smaller one."""
+    """The search result with a smaller trace, or unchanged if shrinking gave none."""
     shrunk = search.shrink(search_result, patience_s) if search_result.steps else None
     if shrunk is None:
         return search_result
@@ -391,7 +392,7 @@ def _shrink(result: TestResult, search: Search, search_result: Found, patience_s
 
 
 def make_trace(result: TestResult, header: TraceHeader, steps: Sequence[Step]) -> Trace:
-    """The trace of a violated test."""
+    """The `Trace` of a violated test, made of these steps and the program's hash and settings."""
     assert result.broken is not None
     plan, program, options = test_plan(result.system), result.system.program, result.options
     return Trace(
@@ -418,9 +419,9 @@ def make_trace(result: TestResult, header: TraceHeader, steps: Sequence[Step]) -
 
 
 def save_traces(result: TestResult, folder: Path = FOLDER) -> Path | None:
-    """Writes the trace of a violated test and returns its path; None: none; `SoterError` D006.
+    """Writes the trace of a violated test, and returns its path; None without a trace.
 
-    Those of other properties are beside it, with `-2` after the name and so on.
+    Traces of other properties go beside it, with `-2` and so on behind the name. SoterError D006.
     """
     if result.replayed is None:
         return None
@@ -455,10 +456,7 @@ class ViolatingRun:
 
 
 def find_violating_run(system: System) -> ViolatingRun | None:
-    """A run of a flat system with a test plan that violates one of its properties.
-
-    None where none was found, or the system cannot be explored.
-    """
+    """Searches a flat test for a run that violates a property; None if none was found."""
     options = SearchOptions(time=SEARCH_S, minimise=SHORTEN_S, memory=MEMORY_BYTES)
     try:
         result = explore_test(system, options, TraceHeader(system.program.path, {}))

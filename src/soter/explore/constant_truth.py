@@ -40,7 +40,7 @@ PATIENCE_MS = 1_000
 
 @lru_cache(maxsize=1)
 def _solver() -> Any:  # noqa: ANN401 - z3 has no types
-    """The module z3; None where it is not installed."""
+    """The module z3; None if it is not installed."""
     try:
         import z3  # noqa: PLC0415 - an extra
     except ImportError:
@@ -55,7 +55,7 @@ def solver_proves(
     asked: Mapping[ReadPlace, Range],
     period_ns: int,
 ) -> bool:
-    """Whether the solver shows that it is `wanted`, without a fault, for all these values."""
+    """Whether z3 proves that the condition is `wanted`, and faults for none of these values."""
     z3 = _solver()
     if z3 is None:
         return False
@@ -72,7 +72,7 @@ def solver_proves(
 
 
 class _Terms:
-    """Makes solver terms of expressions, and collects all that may fault, evaluated or not."""
+    """Translates expressions to z3 terms, and collects every fault that they may have."""
 
     def __init__(
         self,
@@ -92,24 +92,24 @@ class _Terms:
         self._known: dict[ReadPlace, Any] = {}
 
     def term(self, e: typed.TypedExpr) -> Any:  # noqa: ANN401 - a term
-        """The term of an expression; `TooHardError`."""
+        """The z3 term of an expression; TooHardError if the solver is not asked about its kind."""
         if isinstance(e, typed.Literal):
-            return self._constant(e.type, e.value)
+            return self._constant_term(e.type, e.value)
         if isinstance(e, typed.ParamRead):
-            return self._constant(e.type, self.scope.params[e.param])
+            return self._constant_term(e.type, self.scope.params[e.param])
         if isinstance(e, typed.PeriodRead):
-            return self._constant(e.type, self.period_s)
+            return self._constant_term(e.type, self.period_s)
         place = self._read_place(e)
         if place is not None:
             return self._read_term(place)
         if isinstance(e, typed.TypedUnary):
-            return self._range_of_unary(e)
+            return self._unary_term(e)
         if isinstance(e, typed.TypedBinary):
-            return self._range_of_binary(e)
+            return self._binary_term(e)
         if isinstance(e, typed.Conditional):
             return self.z3.If(self.term(e.condition), self.term(e.then), self.term(e.otherwise))
         if isinstance(e, typed.Builtin) and e.name in {"min", "max", "abs"}:
-            return self._range_of_builtin(e)
+            return self._builtin_term(e)
         if isinstance(e, typed.TypedCall):
             inner = returned(e)
             if inner is not None:
@@ -156,7 +156,7 @@ class _Terms:
             self._known[place] = term
         return self._known[place]
 
-    def _constant(self, of: object, value: Any) -> Any:  # noqa: ANN401 - a term
+    def _constant_term(self, of: object, value: Any) -> Any:  # noqa: ANN401 - a term
         if isinstance(value, bool):
             return self.z3.BoolVal(value)
         if isinstance(of, FloatType):
@@ -165,35 +165,36 @@ class _Terms:
             return self.z3.IntVal(value)
         raise TooHardError
 
-    def _checked_int(self, term: Any) -> Any:  # noqa: ANN401 - a term
+    def _note_overflow(self, term: Any) -> Any:  # noqa: ANN401 - a term
+        """Notes the fault if the int is out of range, and gives the term back."""
         self.faults.append(self.z3.Or(term < INT_MIN, term > INT_MAX))
         return term
 
-    def _range_of_unary(self, e: typed.TypedUnary) -> Any:  # noqa: ANN401 - a term
+    def _unary_term(self, e: typed.TypedUnary) -> Any:  # noqa: ANN401 - a term
         a = self.term(e.operand)
         if e.op == "!":
             return self.z3.Not(a)
         if isinstance(e.type, FloatType):
             return self.z3.fpNeg(a)
         if isinstance(e.type, IntType):
-            return self._checked_int(-a)
+            return self._note_overflow(-a)
         raise TooHardError
 
-    def _range_of_binary(self, e: typed.TypedBinary) -> Any:  # noqa: ANN401 - a term
+    def _binary_term(self, e: typed.TypedBinary) -> Any:  # noqa: ANN401 - a term
         z3 = self.z3
         a, b = self.term(e.left), self.term(e.right)
         if e.op in {"&&", "||"}:
             return z3.And(a, b) if e.op == "&&" else z3.Or(a, b)
         if e.op in COMPARISONS:
-            return self._comparison(e, a, b)
+            return self._comparison_term(e, a, b)
         if isinstance(e.type, FloatType) and e.op in {"+", "-", "*"}:
             of = {"+": z3.fpAdd, "-": z3.fpSub, "*": z3.fpMul}[e.op]
             return of(self.round, a, b)
         if isinstance(e.type, IntType) and e.op in {"+", "-", "*"}:
-            return self._checked_int(a + b if e.op == "+" else a - b if e.op == "-" else a * b)
+            return self._note_overflow(a + b if e.op == "+" else a - b if e.op == "-" else a * b)
         raise TooHardError
 
-    def _comparison(self, e: typed.TypedBinary, a: Any, b: Any) -> Any:  # noqa: ANN401 - terms
+    def _comparison_term(self, e: typed.TypedBinary, a: Any, b: Any) -> Any:  # noqa: ANN401 - terms
         z3 = self.z3
         if isinstance(e.left.type, FloatType):
             of = {
@@ -211,12 +212,12 @@ class _Terms:
             return a != b
         return {"<": a < b, "<=": a <= b, ">": a > b, ">=": a >= b}[e.op]
 
-    def _range_of_builtin(self, e: typed.Builtin) -> Any:  # noqa: ANN401 - a term
+    def _builtin_term(self, e: typed.Builtin) -> Any:  # noqa: ANN401 - a term
         z3 = self.z3
         floats = isinstance(e.arguments[0].type, FloatType)
         a = self.term(e.arguments[0])
         if e.name == "abs":
-            return z3.fpAbs(a) if floats else self._checked_int(z3.If(a < 0, -a, a))
+            return z3.fpAbs(a) if floats else self._note_overflow(z3.If(a < 0, -a, a))
         b = self.term(e.arguments[1])
         if e.name == "min":
             return z3.If(z3.fpLT(b, a) if floats else b < a, b, a)
@@ -241,12 +242,12 @@ def holds_always(
     period_ns: int = 0,
     values: Mapping[typed.Variable, typed.TypedExpr] | None = None,
 ) -> bool:
-    """Whether it is `wanted`, and does not fault, for all values; False where that is not known.
+    """Whether the condition is `wanted` and never faults, whatever it reads; False if unknown.
 
-    `values`: locals that it reads, and what may be in them.
+    `values`: the locals that the condition reads, with the expressions of their values.
     """
     try:
-        return _Condition(condition, wanted, scope, read, period_ns, values or {}).decide()
+        return _Condition(condition, wanted, scope, read, period_ns, values or {}).holds()
     except TooHardError:
         return False
 
@@ -270,40 +271,42 @@ class _Condition:
         self.locals = {v: ReadPlace("local", i, v.type) for i, v in enumerate(values)}
         self.asked: dict[ReadPlace, Range] = {}
 
-    def decide(self) -> bool:
-        """Whether it is decided: for all values at once, box by box, or by the solver."""
-        judgement = self._judge({})
+    def holds(self) -> bool:
+        """Whether it is `wanted` everywhere, by its ranges, box by box, or by the solver."""
+        judgement = self._truth_in({})
         if judgement is not None:
             return judgement
-        cuts = [_cut_at_constants(span, self._constants()) for span in self.asked.values()]
+        cuts = [_cut_at_constants(span, self._cut_points()) for span in self.asked.values()]
         places = list(self.asked)
-        if self._fails_at_some(places, _random_points(cuts)):
+        if self._fails_at(places, _random_points(cuts)):
             return False
         unknown: list[tuple[Range, ...]] = [tuple(self.asked.values())]
         if math.prod(map(len, cuts)) <= BOXES_MAX:
             unknown = []
             for box in itertools.product(*cuts):
-                judgement = self._judge(dict(zip(places, box, strict=True)))
+                judgement = self._truth_in(dict(zip(places, box, strict=True)))
                 if judgement is False:
                     return False
                 if judgement is None:
                     unknown.append(box)
         if not unknown:
             return True
-        if self._fails_at_some(places, itertools.islice(_example_points(unknown), POINTS_MAX)):
+        if self._fails_at(places, itertools.islice(_example_points(unknown), POINTS_MAX)):
             return False
         return solver_proves(self.condition, self.wanted, self.scope, self.asked, self.period_ns)
 
-    def _fails_at_some(self, places: list[ReadPlace], points: Iterable[tuple[Range, ...]]) -> bool:
-        return any(self._judge(dict(zip(places, point, strict=True))) is False for point in points)
+    def _fails_at(self, places: list[ReadPlace], points: Iterable[tuple[Range, ...]]) -> bool:
+        return any(
+            self._truth_in(dict(zip(places, point, strict=True))) is False for point in points
+        )
 
-    def _judge(self, box: dict[ReadPlace, Range]) -> bool | None:
-        """True: as wanted in all of the box; False: not at all, or it faults; None: not known."""
+    def _truth_in(self, box: dict[ReadPlace, Range]) -> bool | None:
+        """Whether it is as wanted in all of the box; False also if it faults; None: unknown."""
 
         def read(place: ReadPlace) -> Range:
             known = box.get(place)
             if known is None:
-                known = self.asked.setdefault(place, self._range(place, read))
+                known = self.asked.setdefault(place, self._range_at_place(place, read))
             return known
 
         evaluator = RangeEvaluator(self.scope, self.period_ns, read)
@@ -317,16 +320,16 @@ class _Condition:
             return None if evaluator.faults.possible else True
         return False
 
-    def _range(self, place: ReadPlace, read: Callable[[ReadPlace], Range]) -> Range:
-        """The range of a place that is read, or of a local."""
+    def _range_at_place(self, place: ReadPlace, read: Callable[[ReadPlace], Range]) -> Range:
+        """The range of the values at a place; that of a local comes from its expression."""
         if place.kind != "local":
             return self.read(place)
         evaluator = RangeEvaluator(self.scope, self.period_ns, read)
         evaluator.variables |= self.locals
         return evaluator.part(self.given[place.index], place)
 
-    def _constants(self) -> list[float]:
-        """The numbers that stand in the condition and in functions that it calls."""
+    def _cut_points(self) -> list[float]:
+        """The constants of the condition and of functions that it calls, and their negatives."""
         roots: list[object] = [self.condition]
         seen: set[typed.FunSymbol] = set()
         for root in roots:
@@ -347,7 +350,7 @@ class _Condition:
 
 
 def _cut_at_constants(span: Range, constants: list[float]) -> list[Range]:
-    """A range cut at constants: each constant, what lies between, and NaN by itself."""
+    """Cuts a range at constants, which become parts of their own; so does NaN."""
     parts: list[Range] = []
     if span.nan:
         parts.append(Range(math.inf, -math.inf, nan=True))
@@ -373,7 +376,7 @@ def _cut_at_constants(span: Range, constants: list[float]) -> list[Range]:
 
 
 def _example_points(boxes: list[tuple[Range, ...]]) -> Iterator[tuple[Range, ...]]:
-    """Some points of each box."""
+    """Yields some points of each box."""
     for box in boxes:
         yield from itertools.islice(
             itertools.product(*map(_sample_values, box)), FEW ** len(box) * FEW
@@ -381,13 +384,14 @@ def _example_points(boxes: list[tuple[Range, ...]]) -> Iterator[tuple[Range, ...
 
 
 def _random_points(cuts: list[list[Range]]) -> Iterator[tuple[Range, ...]]:
-    """Random points, the same every time; for most conditions one of them decides."""
+    """Yields random points, the same ones every time; one of them decides most conditions."""
     dice = Random(0)  # noqa: S311 - no secret
     for _ in range(DRAWN):
         yield tuple([dice.choice(_sample_values(dice.choice(parts))) for parts in cuts])
 
 
 def _sample_values(span: Range) -> list[Range]:
+    """The ends of a range and its middle, each as a range of one value."""
     if span.nan or span.low > span.high:
         return [span]
     whole = isinstance(span.low, int) and isinstance(span.high, int)

@@ -108,7 +108,7 @@ def test_plan(system: System) -> TestPlan:
 
 
 class ExecutionCalendar:
-    """The place of one execution in its calendar; `take` checks a step and moves on."""
+    """The place of one execution in its calendar; `take_step` checks a step and moves on."""
 
     def __init__(self, system: System) -> None:
         self.actors = scheduled_actors(system)
@@ -125,10 +125,10 @@ class ExecutionCalendar:
 
     # ------------------------------------------------------------ what is to come
 
-    def window(self, index: int) -> tuple[int, int] | None:
-        """The window [lo, hi] of an actor's next step; None: it has none up to the horizon.
+    def next_window(self, index: int) -> tuple[int, int] | None:
+        """The times [lo, hi] at which an actor's next step may happen; None: it has no step left.
 
-        For an actor that still runs, that step is its publications taking effect.
+        For an actor that still runs, that step is when its publications take effect.
         """
         actor = self.actors[index]
         if index in self._running:
@@ -138,7 +138,7 @@ class ExecutionCalendar:
 
     @property
     def is_observable(self) -> bool:
-        """Whether time may pass: no step that has not happened must happen by now."""
+        """Whether time may pass here: no step is due that has not happened."""
         return all(hi > self.now for _, hi in self._open_windows())
 
     @property
@@ -147,15 +147,15 @@ class ExecutionCalendar:
         return not self._open_windows()
 
     def _open_windows(self) -> list[tuple[int, int]]:
-        windows = (self.window(i) for i in range(len(self.actors)))
+        windows = (self.next_window(i) for i in range(len(self.actors)))
         return [w for w in windows if w is not None]
 
     # ------------------------------------------------------------ moving on
 
-    def take(self, step: Step) -> int | None:
+    def take_step(self, step: Step) -> int | None:
         """Checks a step and moves on; returns the actor's number, None for the start.
 
-        `NotAllowedError` for a step that the schedule does not allow there.
+        NotAllowedError if the schedule does not allow the step here.
         """
         if step.kind == START:
             if self._born or self.now != -1 or any(self.done):
@@ -165,12 +165,12 @@ class ExecutionCalendar:
         index = self.number.get(step.actor)
         if index is None:
             raise NotAllowedError(f"there is no actor `{step.actor}`")
-        window = self.window(index)
+        window = self.next_window(index)
         if window is None:
             raise NotAllowedError(f"`{step.actor}` has no release left up to the horizon")
         self._check_kind(step, index, window)
         self._check_time(step, index, window)
-        self._advance(step, index)
+        self._move_on(step, index)
         return index
 
     def _check_kind(self, step: Step, index: int, window: tuple[int, int]) -> None:
@@ -190,7 +190,7 @@ class ExecutionCalendar:
             many = f"more than {actor.skips} in a row" if actor.skips else "any"
             raise NotAllowedError(f"the test does not let `{actor.name}` skip {many}")
 
-    def _place(self, index: int) -> tuple[bool, int]:
+    def _deployed_place(self, index: int) -> tuple[bool, int]:
         """The place of an actor in the deployed order: inputs come before components."""
         return self.actors[index].drive is None, index
 
@@ -207,13 +207,13 @@ class ExecutionCalendar:
         if step.kind == LOST and step.time_ns != soonest:
             raise NotAllowedError("a lost release has its place as early as possible")
         for other_index, actor in enumerate(self.actors):
-            other_window = self.window(other_index)
+            other_window = self.next_window(other_index)
             if other_window is None:
                 continue
             if (
                 self.ordered
                 and other_window[0] <= step.time_ns
-                and self._place(other_index) < self._place(index)
+                and self._deployed_place(other_index) < self._deployed_place(index)
             ):
                 message = f"`{actor.name}` steps before it in the deployed order"
                 raise NotAllowedError(message)
@@ -221,7 +221,7 @@ class ExecutionCalendar:
                 by = show_ns(other_window[1])
                 raise NotAllowedError(f"`{actor.name}` has to step before, by {by}")
 
-    def _advance(self, step: Step, index: int) -> None:
+    def _move_on(self, step: Step, index: int) -> None:
         self.now = step.time_ns
         if step.kind == EFFECT:
             del self._running[index]
@@ -240,13 +240,13 @@ class TraceDraws(AnsweredDraws):
     """Draws that the steps of a trace answer; the first alternative where a step says nothing."""
 
     def __init__(self, system: System, seed: int) -> None:
-        super().__init__(system, self._pick, seed)
+        super().__init__(system, self._next_pick, seed)
         self._given: dict[str, list[Choice]] = {}
         self._values: list[object] = []
         """The values taken, as JSON, in the order of `asked`; None where the stream has none."""
 
     def begin(self, choices: Iterable[Choice]) -> None:
-        """Begins a step that has these picks."""
+        """Begins a step whose questions these choices answer."""
         self.asked.clear()
         self._values = []
         self._given = {}
@@ -254,7 +254,7 @@ class TraceDraws(AnsweredDraws):
             self._given.setdefault(choice.stream, []).append(choice)
 
     def end(self) -> tuple[Choice, ...]:
-        """The step is over: everything it asked. `NotAllowedError` where picks are left over."""
+        """Ends the step: every choice that it asked for. NotAllowedError for unused answers."""
         for stream, left in self._given.items():
             if left:
                 raise NotAllowedError(f"nothing asks for a choice from `{stream}`")
@@ -262,11 +262,11 @@ class TraceDraws(AnsweredDraws):
         return tuple([Choice(a.stream, a.pick, a.count, value) for a, value in pairs])
 
     def tell(self, value: object) -> None:
-        """Notes the value, as JSON, that the last answer to `choice` stood for."""
+        """Notes the value, as JSON, that the last answer stood for."""
         if self._values:
             self._values[-1] = value
 
-    def _pick(self, stream: str, count: int) -> int:
+    def _next_pick(self, stream: str, count: int) -> int:
         left = self._given.get(stream)
         if not left:
             return 0
@@ -279,26 +279,26 @@ class TraceDraws(AnsweredDraws):
     # ------------------------------------------------------------ Draws
 
     def choice(self, stream: str, index: int, count: int) -> int:
-        """The number of one of `count` alternatives; what they stand for is not known here."""
+        """The number of one of `count` alternatives; its value is not known here."""
         pick = super().choice(stream, index, count)
-        self._keep(None)
+        self._keep_value(None)
         return pick
 
     def uniform(self, stream: str, index: int, low: float, high: float) -> float:
         """A float of [low, high]."""
         value = super().uniform(stream, index, low, high)
-        self._keep(value)
+        self._keep_value(value)
         return value
 
     def leaf(self, t: Type, bound: Bound | None, stream: str, index: int) -> Value:
         """A value of a scalar type within its bound."""
         value = super().leaf(t, bound, stream, index)
         if not isinstance(t, FloatType):  # which `uniform` has kept
-            self._keep(to_json(t, value))
+            self._keep_value(to_json(t, value))
         return value
 
-    def _keep(self, value: object) -> None:
-        """Keeps a value beside the question that was asked last, if one was."""
+    def _keep_value(self, value: object) -> None:
+        """Notes the value of the question that was asked last, if there was one."""
         if len(self.asked) > len(self._values):
             self._values.append(value)
 
@@ -314,7 +314,7 @@ class _ControlHistory:
 
 
 class Judge:
-    """Follows one execution; `at` says what is violated where it has come to."""
+    """Follows one execution; `violations_at` gives the properties that it violates."""
 
     def __init__(self, machine: ExecutableSystem) -> None:
         self._machine = machine
@@ -348,7 +348,7 @@ class Judge:
     # ------------------------------------------------------------ what happened
 
     def note(self, event: DecisionVerdict | StepOutcome, c: Configuration) -> None:
-        """Notes a step at `c.ct` that led to `c`."""
+        """Notes the verdict of a DM, or the outcome of a step, that led to `c`."""
         if isinstance(event, DecisionVerdict):
             if event.after == AC:
                 self._clocks[event.module] = _ControlHistory(c.ct, said=True)
@@ -356,7 +356,7 @@ class Judge:
             self.note_published(event.component, c)
 
     def note_published(self, component: int, c: Configuration) -> None:
-        """Notes that what a component published has reached the topics."""
+        """Notes that a component's publication has reached the topics of `c`."""
         publisher = self._system.components[component]
         if publisher.role == "sc" and publisher.module is not None:
             module = self._system.modules[publisher.module]
@@ -369,11 +369,11 @@ class Judge:
         """The properties that are violated in `c`; `over`: no step is left."""
         violations: list[ViolationId] = []
         if observable:
-            self._meet_deadlines(c)
+            self._update_deadlines(c)
             violations += self._violated_properties(c)
         for prop in self._timed:
             if prop.kind == "invariant":
-                fails = observable and not self._invariant(prop, c)
+                fails = observable and not self._invariant_holds(prop, c)
             else:
                 due = self._due.get(prop.index)
                 fails = due is not None and (due < c.ct or over)
@@ -388,13 +388,13 @@ class Judge:
             ViolationId(PROPERTY, p.index, f"{p.kind} {p.text}") for p in props if values[p.index]
         ]
 
-    def _meet_deadlines(self, c: Configuration) -> None:
-        """Drops deadlines that are met now, and makes new ones for premises that hold."""
+    def _update_deadlines(self, c: Configuration) -> None:
+        """Drops the deadlines that are met in `c`, and adds those of premises that hold in it."""
         for prop in self._timed:
             due = self._due.get(prop.index)
             if prop.kind == "invariant" or (due is not None and due < c.ct):
                 continue  # a missed deadline stays missed
-            if self._is_met(prop, c):
+            if self._deadline_is_met(prop, c):
                 self._due.pop(prop.index, None)
                 self._faulted.pop(prop.index, None)
             elif (
@@ -408,22 +408,22 @@ class Judge:
         """Drops deadlines beyond the horizon, which are not judged."""
         self._due = {i: due for i, due in self._due.items() if due <= self._horizon_ns}
 
-    def _is_met(self, p: TimedProperty, c: Configuration) -> bool:
-        """Whether what a deadline waits for holds; false where that faults, which is noted."""
-        fault = self._fault(self._condition[p.index], c)
+    def _deadline_is_met(self, p: TimedProperty, c: Configuration) -> bool:
+        """Whether a deadline's condition holds; a fault counts as false, and is noted."""
+        fault = self._evaluation_fault(self._condition[p.index], c)
         if fault is not None and p.index in self._due:
             self._faulted.setdefault(p.index, f"{_time_text(c.ct)}: {fault_text(fault)}")
         return fault is None and self._holds(self._condition[p.index], c)
 
     def _holds(self, code: Compiled | None, c: Configuration) -> bool:
-        """A condition, false where it faults."""
+        """Whether a condition holds in `c`; it does not if it faults."""
         assert code is not None
         try:
             return bool(code(self._machine.environment(c)))
         except StepFault:
             return False
 
-    def _fault(self, code: Compiled | None, c: Configuration) -> StepFault | None:
+    def _evaluation_fault(self, code: Compiled | None, c: Configuration) -> StepFault | None:
         assert code is not None
         try:
             code(self._machine.environment(c))
@@ -431,8 +431,8 @@ class Judge:
             return fault
         return None
 
-    def _invariant(self, p: TimedProperty, c: Configuration) -> bool:
-        """(F) safe and an AC verdict is recent enough, or (S) safe and SC has the plant."""
+    def _invariant_holds(self, p: TimedProperty, c: Configuration) -> bool:
+        """Whether `safe` holds, and the last AC verdict is recent or SC has taken control."""
         assert p.module is not None
         module, clock = self._system.modules[p.module], self._clocks[p.module]
         if not self._holds(self._safe[p.module], c):
@@ -443,9 +443,9 @@ class Judge:
     # ------------------------------------------------------------ why
 
     def reason(self, broken: ViolationId, c: Configuration, before: Configuration) -> str:
-        """What failed where `at` found a violation in `c`, a clause; empty where it says itself.
+        """Says what failed in `c`; "" if the property says it itself.
 
-        `before`: where the step was made that led to `c`.
+        `before`: the configuration from which the last step led to `c`.
         """
         if broken.what != TIMED:
             return self._property_reason(broken.index, c, before)
@@ -462,7 +462,7 @@ class Judge:
         return f"{held}, and {missed} from then on up to {_time_text(due_ns)}{faulted}"
 
     def _property_reason(self, index: int, c: Configuration, before: Configuration) -> str:
-        """Words for an `always` or `never`: that judging it faults, or another step is to blame."""
+        """Says that judging an `always` or `never` faults, or that an earlier step broke it."""
         fault = judging_fault(self._machine, c, index)
         clauses = [] if fault is None else [f"judging it faults ({fault_text(fault)})"]
         if violated_properties(self._machine, before)[index]:
@@ -475,7 +475,7 @@ class Judge:
     def _invariant_reason(self, prop: TimedProperty, c: Configuration) -> str:
         assert prop.module is not None
         module, clock = self._system.modules[prop.module], self._clocks[prop.module]
-        fault = self._fault(self._safe[prop.module], c)
+        fault = self._evaluation_fault(self._safe[prop.module], c)
         if fault is not None:
             return f"judging `safe` of `{module.name}` faults ({fault_text(fault)})"
         if not self._holds(self._safe[prop.module], c):
@@ -490,7 +490,7 @@ class Judge:
 
 
 def fault_text(fault: StepFault) -> str:
-    """What went wrong, and where in the source: `divide, cart.soter:7`."""
+    """The fault and its place in the source: `divide, cart.soter:7`."""
     if fault.span is None:
         return str(fault)
     return f"{fault}, {Path(fault.span.source.name).name}:{fault.span.line}"

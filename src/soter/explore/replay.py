@@ -96,10 +96,7 @@ class ReplayedStep:
 
 @dataclass(frozen=True)
 class Replayed:
-    """What the interpreter found. `problem`: why the trace is no execution; None where it is one.
-
-    `reproduced`: it is one, and its last step leads to the violation that the trace names.
-    """
+    """The replay of a trace; `problem`: why the trace is no execution, None if it is one."""
 
     trace: Trace
     system: System
@@ -111,12 +108,12 @@ class Replayed:
 
     @property
     def violated_at(self) -> int | None:
-        """Number of the first step that violates the trace's property; None where none does."""
+        """The number of the first step that violates the trace's property; None: no step does."""
         return next((s.number for s in self.steps if self.own_violation_among(s.violated)), None)
 
     @property
     def reproduced(self) -> bool:
-        """Whether the trace is an execution that ends in the violation it names."""
+        """Whether the trace is an execution that ends in the violation that it names."""
         return (
             self.problem is None
             and bool(self.steps)
@@ -124,13 +121,13 @@ class Replayed:
         )
 
     def own_violation_among(self, violations: Iterable[ViolationId]) -> bool:
-        """Whether the trace's own property is among them."""
+        """Whether the violation that the trace names is among these."""
         wanted = (self.trace.broken.what, self.trace.broken.index)
         return wanted in [(b.what, b.index) for b in violations]
 
     @property
     def outcome(self) -> str:
-        """The outcome of the replay in one sentence."""
+        """The outcome of the replay in a sentence."""
         if self.problem is not None:
             return self.problem
         if self.reproduced:
@@ -142,7 +139,7 @@ class Replayed:
 
 
 def replay(trace: Trace, system: System) -> Replayed:
-    """Runs a trace; `system`: that of its test, flattened with its parameters, skew, horizon."""
+    """Replays a trace; `system`: its test, flattened with the trace's parameters and times."""
     actors = scheduled_actors(system)
     if find_violation_id(system, trace.broken.what, trace.broken.index) != trace.broken:
         problem = f"the test has no such property: {trace.broken.text}"
@@ -151,15 +148,15 @@ def replay(trace: Trace, system: System) -> Replayed:
         run = _TraceRun(trace, system)
     except NotAllowedError as error:
         return Replayed(trace, system, actors, {}, (), f"the start: {error}")
-    return Replayed(trace, system, actors, run.start, *_follow(run, trace))
+    return Replayed(trace, system, actors, run.start, *_follow_trace(run, trace))
 
 
-def _follow(run: _TraceRun, trace: Trace) -> tuple[tuple[ReplayedStep, ...], str | None]:
-    """The steps as far as they are allowed, and why the next one is not."""
+def _follow_trace(run: _TraceRun, trace: Trace) -> tuple[tuple[ReplayedStep, ...], str | None]:
+    """The steps up to the first one that is not allowed, and why that one is not."""
     problem: str | None = None
     for number, step in enumerate(trace.steps, run.first_number):
         try:
-            run.step(number, step)
+            run.make_step(number, step)
         except NotAllowedError as error:
             problem = f"step {number} ({step.kind} of `{step.actor}`): {error}"
             break
@@ -184,7 +181,7 @@ class _Event:
 
 
 class _TraceRun:
-    """One execution, step by step."""
+    """One execution of the interpreter, which follows a trace step by step."""
 
     def __init__(self, trace: Trace, system: System) -> None:
         self.system = system
@@ -209,31 +206,31 @@ class _TraceRun:
         self._waiting: dict[int, dict[int, Value]] = {}
         """The values that overrunning steps will publish, by component."""
 
-    def step(self, number: int, step: Step) -> None:
+    def make_step(self, number: int, step: Step) -> None:
         """Makes one step; `NotAllowedError` if this execution cannot make it."""
-        index = self.schedule.take(step)
+        index = self.schedule.take_step(step)
         if index is None:
-            self._record(number, step, self.draws.end(), _Event())
+            self._record_step(number, step, self.draws.end(), _Event())
             return
         actor = self.schedule.actors[index]
         self._before = self.c
         self.c = replace(self.c, ct=step.time_ns)
         self.draws.begin(step.choices)
-        event = self._act(actor, step)
-        self._record(number, step, self.draws.end(), event)
+        event = self._perform(actor, step)
+        self._record_step(number, step, self.draws.end(), event)
 
     # ------------------------------------------------------------ what a step does
 
-    def _act(self, actor: ScheduledActor, step: Step) -> _Event:
+    def _perform(self, actor: ScheduledActor, step: Step) -> _Event:
         if step.kind == LOST:
             return _Event()
         if actor.component is None:
-            return self._give_input(actor)
+            return self._publish_input(actor)
         if step.kind == EFFECT:
-            return self._take_effect(actor.component)
+            return self._publish_held_back(actor.component)
         return self._fire_component(actor.component, held_back=step.kind == BEGIN)
 
-    def _give_input(self, actor: ScheduledActor) -> _Event:
+    def _publish_input(self, actor: ScheduledActor) -> _Event:
         assert actor.drive is not None
         drive = self.system.inputs[actor.drive]
         value = self.interpreter.drawn_input(drive, self.c.ct)
@@ -250,7 +247,7 @@ class _TraceRun:
         if isinstance(event, DecisionVerdict):
             self.judge.note(event, after)
             return self._decision_event(event)
-        done = _Event(broken=self._broken(number, event))
+        done = _Event(broken=self._step_violations(number, event))
         self.ended = bool(done.broken)
         if event.fault is not None:
             done.fault = fault_text(event.fault)
@@ -258,7 +255,7 @@ class _TraceRun:
         done.reasons |= self._contract_reasons(number, done, before)
         done.gated = not before.OE[number]
         if held_back:
-            self._hold_back(before, number, event)
+            self._hold_back_outputs(before, number, event)
         else:
             self.judge.note(event, after)
             done.published = self._values_by_topic(event.published, event.bursts)
@@ -271,7 +268,7 @@ class _TraceRun:
         published: Mapping[int, Value],
         bursts: Mapping[int, tuple[Value, ...]] | None = None,
     ) -> list[DroppedMessage]:
-        """The messages that queues lose as values reach the topics of `c`."""
+        """The messages that full queues lose when these values reach the topics of `c`."""
         topics, losses = self.system.topics, []
         for topic in published:
             arriving = len((bursts or {}).get(topic, (None,)))
@@ -290,7 +287,7 @@ class _TraceRun:
     def _contract_reasons(
         self, n: int, done: _Event, before: Configuration
     ) -> dict[ViolationId, str]:
-        """Words on what went wrong for contracts that could not be judged."""
+        """For each broken contract whose judgement faults, words on that fault."""
         component, reasons = self.system.components[n], {}
         for b in done.broken:
             if b.what == CONTRACT:
@@ -315,15 +312,15 @@ class _TraceRun:
         switch = (name, MODES[verdict.before], MODES[verdict.after]) if changed else None
         return _Event(decided=facts, switch=switch)
 
-    def _broken(self, n: int, event: StepOutcome) -> list[ViolationId]:
-        """The violations of a step: contracts that it broke, and a fault of a trusted component."""
+    def _step_violations(self, n: int, event: StepOutcome) -> list[ViolationId]:
+        """The contracts that a step breaks, and the fault of a trusted component."""
         named = [find_violation_id(self.system, CONTRACT, i) for i in event.broken]
         if event.latched:
             named.append(find_violation_id(self.system, FAULT, n))
         return [b for b in named if b is not None]
 
-    def _hold_back(self, before: Configuration, n: int, event: StepOutcome) -> None:
-        """Takes back what an overrunning step published, as it takes effect later."""
+    def _hold_back_outputs(self, before: Configuration, n: int, event: StepOutcome) -> None:
+        """Takes the outputs of an overrunning step back; they are published when it ends."""
         self._waiting[n] = dict(event.published)
         own_queues = [t.index for t in self.system.topics if self._is_own_queue(t.index, n)]
         topics, stamps = list(before.Topics), list(before.stamps)
@@ -336,7 +333,7 @@ class _TraceRun:
         name = self.system.components[n].name
         return candidate.queue_of is not None and candidate.name.startswith(f"{name}.")
 
-    def _take_effect(self, n: int) -> _Event:
+    def _publish_held_back(self, n: int) -> _Event:
         waiting = self._waiting.pop(n)
         if not self.c.OE[n]:
             return _Event(gated=bool(waiting))
@@ -349,7 +346,9 @@ class _TraceRun:
 
     # ------------------------------------------------------------ telling
 
-    def _record(self, number: int, step: Step, choices: tuple[Choice, ...], event: _Event) -> None:
+    def _record_step(
+        self, number: int, step: Step, choices: tuple[Choice, ...], event: _Event
+    ) -> None:
         observable = step.kind != START and self.schedule.is_observable
         broken = event.broken
         if not self.ended and step.kind != START:
@@ -365,7 +364,7 @@ class _TraceRun:
                 kind=step.kind,
                 release_ns=step.release_ns,
                 time_ns=step.time_ns,
-                choices=tuple([self.words.complete(c) for c in choices]),
+                choices=tuple([self.words.with_value(c) for c in choices]),
                 published=event.published,
                 gated=event.gated,
                 decided=event.decided,
@@ -407,7 +406,7 @@ class _TraceRun:
 
 
 def find_violation_id(system: System, kind: str, index: int) -> ViolationId | None:
-    """The violation of this kind and number; None where there can be none."""
+    """The violation of this kind and number; None if the system has none such."""
     plan = test_plan(system)
     if kind == FAULT and index < len(system.components):
         component = system.components[index]
@@ -425,8 +424,8 @@ def find_violation_id(system: System, kind: str, index: int) -> ViolationId | No
     return ViolationId(kind, index, f"{prop.kind} {prop.text}")
 
 
-def with_values(replay_result: Replayed) -> Replayed:
-    """The replay with the chosen values, as the interpreter saw them, in its trace."""
+def with_chosen_values(replay_result: Replayed) -> Replayed:
+    """The replay, whose trace then has the values that the interpreter chose."""
     steps = tuple(
         replace(step, choices=done.choices)
         for step, done in zip(replay_result.trace.steps, replay_result.steps, strict=True)

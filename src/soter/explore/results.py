@@ -167,7 +167,7 @@ class TestResult:
 
     @property
     def threads_fewer(self) -> str:
-        """Why fewer threads searched than were asked for; "" where as many did."""
+        """Why fewer threads searched than the user asked for; "" if as many did."""
         return self.options.why_fewer(self.threads)
 
     @property
@@ -178,19 +178,19 @@ class TestResult:
 
     @property
     def bytes_per_state(self) -> float:
-        """Bytes of the table for each stored configuration."""
+        """The table's bytes for each configuration that it stores."""
         return self.table_bytes / self.states if self.states else 0.0
 
     @property
     def not_shortest(self) -> str:
-        """Why its trace may not be the shortest; empty where it is, and where there is none."""
+        """Why the trace may not be the shortest; "" if it is, or if there is no trace."""
         if self.replayed is None or self.least_bound is None:
             return ""
         return why_not_shortest(self.least_bound, self.options)
 
     @property
     def violated_there(self) -> tuple[str, ...]:
-        """Every property that is violated at the end of its trace, its own first."""
+        """The properties that are violated at the end of the trace, the trace's own first."""
         if self.replayed is None or self.broken is None:
             return ()
         others = [b.text for b in self.replayed.steps[-1].violated if b != self.broken]
@@ -198,7 +198,7 @@ class TestResult:
 
     @property
     def not_shown(self) -> str:
-        """Why no execution shows its violation, and how to get one; empty where one does."""
+        """Why no execution shows the violation, and how to get one; "" if one is shown."""
         if self.unshown is None:
             return ""
         why = UNSHOWN[self.unshown]
@@ -208,7 +208,7 @@ class TestResult:
 
     @property
     def covered(self) -> str:
-        """A sentence on how far every execution was covered; "" where no bound was reached."""
+        """A sentence on how far all executions were covered; "" if no bound was reached."""
         if self.bound is None or self.covered_ns is None:
             return ""
         assert self.system.test is not None
@@ -224,12 +224,12 @@ class TestResult:
 
     @property
     def divided(self) -> str:
-        """A clause on parts that were explored apart; "" where there was one."""
+        """A clause on the parts that were explored alone; "" if there was only one."""
         return f"; {self.parts} parts that share no data, explored apart" if self.parts > 1 else ""
 
     @property
     def dear(self) -> str:
-        """A note that another reduction may be faster, and why; "" where nothing says so.
+        """A note that `--reduction ample` may be faster; "" if the search was not slow.
 
         Between ends of instants a search starts anew from each one, so paths that meet in between
         are followed many times.
@@ -245,7 +245,7 @@ class TestResult:
 
     @property
     def for_ever(self) -> str:
-        """A clause on what is shown for times after the horizon; "" where nothing is."""
+        """A clause that the verdict holds for ever; "" if the search did not show that."""
         if self.closed_ns is None:
             return ""
         return (
@@ -254,7 +254,7 @@ class TestResult:
 
     @property
     def interrupted(self) -> bool:
-        """Whether somebody stopped it, or the search for its least trace."""
+        """Whether the user stopped the search, or the work on its trace."""
         return INTERRUPTED in (self.bound, self.least_bound, self.unshown, self.others_bound)
 
     def __repr__(self) -> str:
@@ -265,7 +265,7 @@ class TestResult:
 def bound_text(
     bound: str, options: SearchOptions, who: str = "a step", words: int = WORDS_MAX
 ) -> str:
-    """Says which bound was reached; `who` asks for too many choices; `words`: too many."""
+    """Says which bound was reached; `who` asks for too many choices; `words` are too many."""
     return BOUNDS[bound].format(strategy=options.strategy, who=who, words=words)
 
 
@@ -288,13 +288,13 @@ class ExploreReport:
 
     @property
     def verdict(self) -> str:
-        """The worst: violated, then bound, then exhausted."""
+        """The worst verdict of the tests: violated, then bound, then exhausted."""
         verdicts = {t.verdict for t in self.tests} | {BOUND for _ in self.not_started}
         return next((v for v in (VIOLATED, BOUND) if v in verdicts), EXHAUSTED)
 
     @property
     def interrupted(self) -> bool:
-        """Whether somebody stopped it; later tests are then missing."""
+        """Whether the user stopped a test; the tests after it are then missing."""
         return any(t.interrupted for t in self.tests) or bool(self.not_started)
 
     def _repr_html_(self) -> str:
@@ -308,7 +308,7 @@ class ExploreReport:
         return notebook_table(f"{self.path}: {self.verdict}", heads, rows, self.not_started)
 
     def unsettled(self, test: TestResult) -> str:
-        """Words on contracts that `test` relies on and whose tests here are not clean, or ""."""
+        """Names the tests of contracts on which `test` relies that are not clean; "" if all are."""
         asked = {name for names in test.contracts.values() for name in names}
         unclean_tests = [t.name for t in self.tests if t.name in asked and t.verdict != EXHAUSTED]
         names = " and ".join(f"`{name}`" for name in unclean_tests)
@@ -317,7 +317,7 @@ class ExploreReport:
         )
 
     def __getitem__(self, test: str) -> TestResult:
-        """The result of one test by name; `KeyError` where there is none."""
+        """The result of the test with this name; KeyError if there is none."""
         for t in self.tests:
             if t.name == test:
                 return t
@@ -346,7 +346,7 @@ class WholeByParts:
 
     @property
     def text(self) -> str:
-        """A sentence for people."""
+        """The result in a sentence or two."""
         if self.missing:
             return f"{self.system} is not shown as a whole: {'; '.join(self.missing)}"
         until = show_ns(self.horizon_ns)
@@ -368,7 +368,7 @@ class WholeByParts:
 
 
 def wholes(results: Iterable[TestResult]) -> tuple[WholeByParts, ...]:
-    """A result for each system of which some test replaces something by its contract."""
+    """A `WholeByParts` for each group of tests in which a contract replaces something."""
     alike: dict[Hashable, list[TestResult]] = {}
     for result in results:
         symbol = result.system.program.tests.get(result.name)
@@ -380,7 +380,7 @@ def wholes(results: Iterable[TestResult]) -> tuple[WholeByParts, ...]:
 
 
 def _comparison_key(result: TestResult, symbol: TestSymbol) -> Hashable:
-    """The circumstances that must be equal in all parts, as executions are compared by steps."""
+    """What is equal in all tests of one group, as executions are compared by steps."""
     plan, system = test_plan(result.system), result.system
     names = [c.name for c in system.components]
     faults = {(names[f.component], f.kind, f.by_ns, f.at_most, f.least_ns) for f in plan.faults}
@@ -420,7 +420,7 @@ def _whole_by_parts(group: list[TestResult]) -> WholeByParts:
 
 
 def _why_not_whole(group: list[TestResult], as_it_is: dict[str, tuple[str, ...]]) -> Iterator[str]:
-    """Reasons why the tests do not show the whole."""
+    """Yields the reasons why these tests show nothing of the whole system."""
     for result in group:
         if result.verdict != EXHAUSTED:
             yield f"{result.name} is not exhausted and clean"

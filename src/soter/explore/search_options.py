@@ -61,19 +61,19 @@ REDUCTIONS = {
 8 by groups. With the last one, parts of a system that share nothing are explored apart."""
 
 
-def knows_ends(reduction: str) -> bool:
+def stores_only_ends(reduction: str) -> bool:
     """Whether a reduction stores only the ends of instants."""
     return bool(REDUCTIONS[reduction] & INSTANTS)
 
 
-def reduce_bits(reduction: str, *, between: bool) -> int:
-    """`soter_explore_options.reduce`; `between`: what lies between ends is stored after all."""
+def reduction_bits(reduction: str, *, between: bool) -> int:
+    """`soter_explore_options.reduce`; `between`: the search also stores what lies between ends."""
     asked = REDUCTIONS[reduction]
     return asked & ~(SLEEP | GROUPS) if between else asked
 
 
-def constant(name: str) -> str:
-    """The name of a strategy or storage in C."""
+def c_constant(name: str) -> str:
+    """The C constant of a strategy or storage, such as SOTER_BFS."""
     return f"SOTER_{name.upper()}"
 
 
@@ -99,7 +99,7 @@ class SearchProgress:
     """All that is observed before this time was judged, in all executions (breadth first)."""
 
 
-def _named(names: Iterable[str], default: str, end: str) -> str:
+def _names(names: Iterable[str], default: str, end: str) -> str:
     shown = [f"{n} (the default)" if n == default else n for n in names]
     return f"{', '.join(shown[:-1])}{end}{shown[-1]}"
 
@@ -112,17 +112,17 @@ LENGTH = seconds("more than 0 and at most", 10**9, optional=True)
 
 @dataclass(frozen=True, kw_only=True)
 class SearchOptions:
-    """How to search. `seed` also draws what is left to chance."""
+    """How to search. `seed` also draws the disturbances that are drawn once."""
 
     test: str | Sequence[str] | None = option(
         "--test T", None, "only this test, or these; by default all", SEVERAL
     )
     strategy: str = option("--strategy S", STRATEGIES[0], HOW, choice(*STRATEGIES), "strategy")
     storage: str = option(
-        "--storage S", "exact", _named(STORAGES, "exact", " or "), choice(*STORAGES), "storage"
+        "--storage S", "exact", _names(STORAGES, "exact", " or "), choice(*STORAGES), "storage"
     )
     reduction: str = option(
-        "--reduction R", "all", _named(REDUCTIONS, "all", " or "), choice(*REDUCTIONS), "reduction"
+        "--reduction R", "all", _names(REDUCTIONS, "all", " or "), choice(*REDUCTIONS), "reduction"
     )
     threads: int = option(
         "--threads N",
@@ -182,13 +182,13 @@ class SearchOptions:
     )
 
     def why_fewer(self, ran: int) -> str:
-        """Why `ran` threads searched and not as many as were asked for; "" where as many did."""
+        """Why only `ran` threads searched; "" if as many did as were asked for."""
         few = "its first steps were all that it took, or the machine gave no more"
         return "" if ran == self.threads else few
 
 
 class SearchKeywords(TypedDict, total=False):
-    """The options as keywords, for who checks types: the fields above, `test` aside."""
+    """The options as keywords, for type checkers: the fields above except `test`."""
 
     strategy: str
     storage: str

@@ -118,8 +118,8 @@ class DamagedTraceError(Exception):
 # ---------------------------------------------------------------- writing
 
 
-def to_document(trace: Trace, folder: Path | None = None) -> dict[str, object]:
-    """The JSON document; with `folder` the program's path is relative to it."""
+def trace_document(trace: Trace, folder: Path | None = None) -> dict[str, object]:
+    """The JSON document of a trace; the program's path is relative to `folder`, if given."""
     return {
         "schema": SCHEMA,
         "kind": KIND,
@@ -167,8 +167,8 @@ def _relative_path(program: str, folder: Path | None) -> str:
 
 
 def write_trace(trace: Trace, path: Path) -> Path:
-    """Writes a trace, a line for each step, so that people can compare; `SoterError` D006."""
-    document = to_document(trace, path.parent)
+    """Writes a trace as JSON, one line for each step; `SoterError` D006."""
+    document = trace_document(trace, path.parent)
     steps = document.pop("steps")
     assert isinstance(steps, list)
     head = json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False)
@@ -187,35 +187,35 @@ def write_trace(trace: Trace, path: Path) -> Path:
 
 
 def read_document(path: Path) -> dict[str, Any]:
-    """The JSON object in a file; `SoterError` D010 where it holds none."""
+    """The JSON object in a file; `SoterError` D010 if the file holds none."""
     try:
         document = parse_json(read_bytes(path, BYTES_MAX))
     except OSError as error:
-        raise no_trace(path, reason(error)) from error
+        raise no_trace_error(path, reason(error)) from error
     except RecursionError:
-        raise no_trace(path, "it is nested too deeply") from None
+        raise no_trace_error(path, "it is nested too deeply") from None
     except ValueError as error:
-        raise no_trace(path, f"it is no JSON ({_first_line(error)})") from error
+        raise no_trace_error(path, f"it is no JSON ({_first_line(error)})") from error
     if not isinstance(document, dict):
-        raise no_trace(path, "it is no JSON object")
+        raise no_trace_error(path, "it is no JSON object")
     return document
 
 
 def read_trace(path: Path) -> Trace:
-    """The trace in a file; `SoterError` D010 where it holds none."""
+    """The trace in a file; `SoterError` D010 if the file holds none."""
     return trace_from_document(read_document(path), path)
 
 
 def trace_from_document(document: Mapping[str, Any], path: Path) -> Trace:
-    """The trace that a document read from `path` stands for; `SoterError` D010."""
+    """The trace of a document that was read from `path`; `SoterError` D010."""
     try:
         return _read_trace(_JsonFields(document, ""), path)
     except DamagedTraceError as error:
-        raise no_trace(path, str(error)) from error
+        raise no_trace_error(path, str(error)) from error
 
 
-def no_trace(path: Path, reason: str) -> SoterError:
-    """The error D010 that a file is no trace, with the reason."""
+def no_trace_error(path: Path, reason: str) -> SoterError:
+    """The error D010: the file is no trace, for this reason."""
     hint = "`soter test` writes one for every violation, `.soter/<program>-<test>.trace.json`"
     problem = Diagnostic("D010", f"`{path}` is no trace: {reason}", helps=(hint,))
     return SoterError((problem,))
@@ -226,7 +226,7 @@ def _first_line(error: Exception) -> str:
 
 
 class _JsonFields:
-    """Reads fields of a JSON object, each with the type that it must have."""
+    """Reads the fields of a JSON object, and checks the type of each."""
 
     def __init__(self, data: object, where: str) -> None:
         if not isinstance(data, dict):
@@ -245,53 +245,53 @@ class _JsonFields:
     def _name(self, name: str) -> str:
         return f"`{self._where}.{name}`" if self._where else f"`{name}`"
 
-    def text(self, name: str) -> str:
+    def read_text(self, name: str) -> str:
         value: str = self._field(name, str, "text")
         return value
 
-    def text_or_none(self, name: str) -> str:
-        """A text that may be missing."""
-        return self.text(name) if name in self._given else ""
+    def read_optional_text(self, name: str) -> str:
+        """The text of a field; "" if the field is missing."""
+        return self.read_text(name) if name in self._given else ""
 
-    def texts(self, name: str) -> tuple[str, ...]:
-        """A list of texts that may be missing."""
+    def read_texts(self, name: str) -> tuple[str, ...]:
+        """The texts in a list; () if the field is missing."""
         values = self._field(name, list, "list") if name in self._given else []
         if not all(isinstance(text, str) for text in values):
             raise DamagedTraceError(f"{self._name(name)} is no list of texts")
         return tuple(values)
 
-    def one_of(self, name: str, allowed: Iterable[str]) -> str:
-        value = self.text(name)
+    def read_one_of(self, name: str, allowed: Iterable[str]) -> str:
+        value = self.read_text(name)
         if value not in allowed:
             raise DamagedTraceError(f"{self._name(name)} is none of {', '.join(allowed)}")
         return value
 
-    def number(self, name: str, low: int, high: int) -> int:
+    def read_number(self, name: str, low: int, high: int) -> int:
         value: int = self._field(name, int, "whole number")
         if not low <= value <= high:
             raise DamagedTraceError(f"{self._name(name)} is out of range")
         return value
 
-    def number_or_none(self, name: str, low: int, high: int) -> int | None:
-        """A number that may be missing."""
-        return self.number(name, low, high) if name in self._given else None
+    def read_optional_number(self, name: str, low: int, high: int) -> int | None:
+        """The number of a field; None if the field is missing."""
+        return self.read_number(name, low, high) if name in self._given else None
 
-    def truth(self, name: str) -> bool:
+    def read_bool(self, name: str) -> bool:
         value: bool = self._field(name, bool, "bool")
         return value
 
-    def part(self, name: str) -> _JsonFields:
+    def read_object(self, name: str) -> _JsonFields:
         return _JsonFields(self._field(name, dict, "object"), self._path(name))
 
-    def mapping(self, name: str) -> dict[str, object]:
+    def read_mapping(self, name: str) -> dict[str, object]:
         value: dict[str, object] = self._field(name, dict, "object")
         return value
 
-    def objects(self, name: str) -> list[_JsonFields]:
+    def read_objects(self, name: str) -> list[_JsonFields]:
         items = self._field(name, list, "list")
         return [_JsonFields(item, f"{self._path(name)}[{i}]") for i, item in enumerate(items)]
 
-    def anything(self, name: str) -> object:
+    def raw_value(self, name: str) -> object:
         return self._given.get(name)
 
     def _path(self, name: str) -> str:
@@ -299,50 +299,50 @@ class _JsonFields:
 
 
 def _read_trace(document: _JsonFields, path: Path) -> Trace:
-    if document.anything("kind") != KIND:
+    if document.raw_value("kind") != KIND:
         raise DamagedTraceError(f'`kind` is not "{KIND}"')
-    if other := other_format(document.anything("schema"), SCHEMA):
+    if other := other_format(document.raw_value("schema"), SCHEMA):
         raise DamagedTraceError(other)
-    broken = document.part("property")
+    broken = document.read_object("property")
     return Trace(
-        program=document.text("program"),
-        sha256=document.text("sha256"),
-        system=document.text("system"),
-        test=document.text("test"),
-        params=document.mapping("params"),
-        seed=document.number("seed", 0, 2**64 - 1),
-        skew_ns=document.number("skew_ns", 0, TIME_MAX),
-        horizon_ns=document.number("horizon_ns", 1, TIME_MAX),
+        program=document.read_text("program"),
+        sha256=document.read_text("sha256"),
+        system=document.read_text("system"),
+        test=document.read_text("test"),
+        params=document.read_mapping("params"),
+        seed=document.read_number("seed", 0, 2**64 - 1),
+        skew_ns=document.read_number("skew_ns", 0, TIME_MAX),
+        horizon_ns=document.read_number("horizon_ns", 1, TIME_MAX),
         broken=ViolationId(
-            broken.one_of("what", VIOLATION_KINDS),
-            broken.number("index", 0, COUNT_MAX),
-            broken.text("text"),
+            broken.read_one_of("what", VIOLATION_KINDS),
+            broken.read_number("index", 0, COUNT_MAX),
+            broken.read_text("text"),
         ),
-        steps=tuple([_read_step(s) for s in document.objects("steps")]),
-        minimal=document.truth("minimal"),
-        not_shortest=document.text_or_none("not_shortest"),
-        assumptions=document.texts("assumptions"),
-        shrunk_from=document.number_or_none("shrunk_from", 0, COUNT_MAX) or 0,
+        steps=tuple([_read_step(s) for s in document.read_objects("steps")]),
+        minimal=document.read_bool("minimal"),
+        not_shortest=document.read_optional_text("not_shortest"),
+        assumptions=document.read_texts("assumptions"),
+        shrunk_from=document.read_optional_number("shrunk_from", 0, COUNT_MAX) or 0,
         path=path,
     )
 
 
 def _read_step(document: _JsonFields) -> Step:
     return Step(
-        actor=document.text("actor"),
-        kind=document.one_of("kind", STEP_KINDS),
-        release_ns=document.number("release_ns", -1, TIME_MAX),
-        time_ns=document.number("time_ns", -1, TIME_MAX),
-        choices=tuple([_read_choice(c) for c in document.objects("choices")]),
+        actor=document.read_text("actor"),
+        kind=document.read_one_of("kind", STEP_KINDS),
+        release_ns=document.read_number("release_ns", -1, TIME_MAX),
+        time_ns=document.read_number("time_ns", -1, TIME_MAX),
+        choices=tuple([_read_choice(c) for c in document.read_objects("choices")]),
     )
 
 
 def _read_choice(document: _JsonFields) -> Choice:
-    of = document.number("of", 1, COUNT_MAX)
-    pick = document.number("pick", 0, COUNT_MAX)
+    of = document.read_number("of", 1, COUNT_MAX)
+    pick = document.read_number("pick", 0, COUNT_MAX)
     if pick >= of:
         raise DamagedTraceError(f"a pick is {pick} of {of} alternatives: they count from 0")
-    return Choice(document.text("stream"), pick, of, document.anything("value"))
+    return Choice(document.read_text("stream"), pick, of, document.raw_value("value"))
 
 
 def program_path(trace: Trace) -> str:
@@ -368,17 +368,17 @@ _CLOSED = (
 
 @dataclass(frozen=True)
 class _ChoiceSite:
-    """A `choose` of a component."""
+    """A `choose` in the code of a component."""
 
     expr: typed.TypedChoose
     component: Component
 
     def may_ask(self, count: int) -> bool:
-        """Whether it can have this many alternatives; a fair `choose` sometimes has fewer."""
+        """Whether it can offer `count` alternatives; a fair `choose` sometimes offers fewer."""
         return count == self.expr.count or (self.expr.ages is not None and count < self.expr.count)
 
-    def value(self, pick: int, count: int) -> object:
-        """The value as JSON, None where it is not known."""
+    def json_value(self, pick: int, count: int) -> object:
+        """The value of an alternative as JSON; None if it depends on the run."""
         if count != self.expr.count:
             return None
         if not self.expr.options:
@@ -393,7 +393,7 @@ class _ChoiceSite:
 
 
 class ChoiceWords:
-    """Words for the choices of one system: their values (`complete`), and who asked (`what`)."""
+    """Says what a choice of a system stands for (`with_value`), and who asked (`question_text`)."""
 
     def __init__(self, system: System) -> None:
         self._sites = {
@@ -403,27 +403,27 @@ class ChoiceWords:
             for c in system.components
         }
 
-    def complete(self, choice: Choice) -> Choice:
+    def with_value(self, choice: Choice) -> Choice:
         """The choice with its value, if it had none and the program determines it."""
         site = self._asking_site(choice)
         if choice.value is not None or site is None:
             return choice
-        return replace(choice, value=site.value(choice.pick, choice.of))
+        return replace(choice, value=site.json_value(choice.pick, choice.of))
 
-    def what(self, choice: Choice) -> str:
-        """The source's words, or the name of the stream."""
+    def question_text(self, choice: Choice) -> str:
+        """The source text of the `choose` that asked; else the name of the stream."""
         site = self._asking_site(choice)
         return choice.stream if site is None else _source_words(site)
 
     def _asking_site(self, choice: Choice) -> _ChoiceSite | None:
-        """The `choose` that asked; of several with the same words and values the first."""
+        """The `choose` that asked; None if several could have asked for different values."""
         fitting = [a for a in self._sites.get(choice.stream, ()) if a.may_ask(choice.of)]
-        meanings = {(_source_words(a), str(a.value(choice.pick, choice.of))) for a in fitting}
+        meanings = {(_source_words(a), str(a.json_value(choice.pick, choice.of))) for a in fitting}
         return fitting[0] if len(meanings) == 1 else None
 
 
 def _source_words(site: _ChoiceSite) -> str:
-    """The source's words on one line."""
+    """The text of a `choose` on one line."""
     return " ".join(site.expr.span.text.split())
 
 
@@ -434,8 +434,8 @@ def _step_code(component: Component) -> Iterable[object]:
     return () if component.node is None else component.node.step
 
 
-def changed_program(trace: Trace, path: str) -> SoterError:
-    """The error D011 that the program is not the one that the trace was found in."""
+def changed_program_error(trace: Trace, path: str) -> SoterError:
+    """The error D011: the program has changed since the trace was found."""
     problem = Diagnostic(
         "D011",
         f"the trace belongs to another version of `{path}`",
@@ -445,8 +445,8 @@ def changed_program(trace: Trace, path: str) -> SoterError:
     return SoterError((problem,))
 
 
-def missing_program(trace: Trace, path: str) -> SoterError:
-    """The error D001 that the program of a trace is not where the trace says."""
+def missing_program_error(trace: Trace, path: str) -> SoterError:
+    """The error D001: the program is not where the trace says."""
     problem = Diagnostic(
         "D001",
         f"the program of the trace is not there: `{path}`",

@@ -47,9 +47,9 @@ def make_sequence_view(
     provenance: Mapping[str, str] | None = None,
     program: str | None = None,
 ) -> SequenceView:
-    """The view of a replayed trace; the violating step is the last, where it reproduces.
+    """The view of a replayed trace; if it reproduces, the last step is the violating one.
 
-    `program`: its path as a reader would type it; by default as the trace has it.
+    `program`: its path as a reader would type it; by default the path in the trace.
     """
     trace, system = replay.trace, replay.system
     words = ChoiceWords(system)
@@ -64,7 +64,7 @@ def make_sequence_view(
         property_text=property_text(trace.broken.text),
         verdict=_verdict_sentence(replay),
         remark=_minimality_remark(replay),
-        lanes=tuple([_lane(system, a) for a in replay.actors]),
+        lanes=tuple([_actor_lane(system, a) for a in replay.actors]),
         steps=tuple(steps),
         topics=tuple([t.name for t in system.topics if t.queue_of is None]),
         modes=tuple(
@@ -94,7 +94,7 @@ def _verdict_sentence(replay: Replayed) -> str:
 
 
 def _minimality_remark(replay: Replayed) -> str:
-    """Whether the trace is the shortest one."""
+    """Says whether the trace is the shortest one, and if not, why."""
     if not replay.reproduced:
         return ""
     if replay.trace.minimal:
@@ -109,7 +109,7 @@ def _minimality_remark(replay: Replayed) -> str:
 
 
 def _overrun_durations(replay: Replayed) -> dict[int, int]:
-    """The ns between an overrunning step and its effect, by the number of either step."""
+    """The ns from an overrunning step to its effect, by the number of either step."""
     begun: dict[str, ReplayedStep] = {}
     durations: dict[int, int] = {}
     for step in replay.steps:
@@ -126,7 +126,7 @@ def _start_step(replay: Replayed) -> SequenceStep:
 
 
 def _initial_values(replay: Replayed) -> tuple[Published, ...]:
-    """The first values of topics; queues, which are empty, aside."""
+    """The values of topics before the first step; queues, which are empty, are left out."""
     queues = {t.name for t in replay.system.topics if t.queue_of is not None}
     return tuple([Published(n, value_text(v)) for n, v in replay.start.items() if n not in queues])
 
@@ -145,7 +145,7 @@ def _sequence_step(
         lane=step.actor,
         kind=cast("Kind", KINDS.get(step.kind, step.kind)),
         release_ns=None if step.kind in (START, EFFECT) else step.release_ns,
-        choices=tuple([_pick(c, words) for c in step.choices]),
+        choices=tuple([_pick_in_words(c, words) for c in step.choices]),
         published=_initial_values(replay) if step.kind == START else published,
         gated=step.gated,
         switch=switch,
@@ -154,17 +154,17 @@ def _sequence_step(
         lasts_ns=durations.get(step.number),
         observable=step.observable,
         violates=replay.own_violation_among(step.violated),
-        note=_note(step, replay),
+        note=_step_note(step, replay),
     )
 
 
-def _pick(choice: Choice, words: ChoiceWords) -> Pick:
+def _pick_in_words(choice: Choice, words: ChoiceWords) -> Pick:
     value = (
         f"alternative {choice.pick} of {choice.of}"
         if choice.value is None
         else value_text(choice.value)
     )
-    return Pick(words.what(choice), value, choice.pick == 0)
+    return Pick(words.question_text(choice), value, choice.pick == 0)
 
 
 def value_text(value: object) -> str:
@@ -178,8 +178,8 @@ def value_text(value: object) -> str:
     return value if isinstance(value, str) else json.dumps(value)
 
 
-def _note(step: ReplayedStep, replay: Replayed) -> str:
-    """Further words on a step, in one sentence."""
+def _step_note(step: ReplayedStep, replay: Replayed) -> str:
+    """Further remarks on a step, in one sentence."""
     clauses = [
         r
         for b, r in zip(step.violated, step.reasons, strict=False)
@@ -202,7 +202,7 @@ def _note(step: ReplayedStep, replay: Replayed) -> str:
 # ---------------------------------------------------------------- who is there
 
 
-def _lane(system: System, actor: ScheduledActor) -> Lane:
+def _actor_lane(system: System, actor: ScheduledActor) -> Lane:
     module = None
     if actor.component is not None:
         index = system.components[actor.component].module

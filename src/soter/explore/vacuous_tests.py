@@ -32,23 +32,23 @@ if TYPE_CHECKING:
 
 
 class Domains:
-    """The ranges of what a flattened test reads; with `start` those before its first step."""
+    """The ranges of all that a test reads; `start`: only before the first step."""
 
     def __init__(self, system: System, *, start: bool = False) -> None:
         self._system = system
         self._start = start
-        self._writable = _writable(system)
+        self._writable = _writable_topics(system)
         plan = test_plan(system)
         late = max((f.by_ns for f in plan.faults if f.kind == "late"), default=0)
         long = max((f.by_ns for f in plan.faults if f.kind == "overrun"), default=0)
         self._end_s = (plan.horizon_ns + plan.skew_ns + late + long) / 1e9
 
     def scalar_range(self, place: ReadPlace) -> Range:
-        """The range of a scalar."""
+        """The range of a scalar that a condition reads."""
         if place.kind == "topic":
-            return self._topic(place)
+            return self._topic_range(place)
         if place.kind == "truth":
-            return self._truth(place)
+            return self._state_range(place)
         if place.kind == "mode":
             module = self._system.modules[place.index]
             if module.forced is not None or self._start:
@@ -59,7 +59,7 @@ class Domains:
             return ANY_FLOAT
         return Range(0.0, self._end_s if place.kind == "time" else INF)
 
-    def _topic(self, place: ReadPlace) -> Range:
+    def _topic_range(self, place: ReadPlace) -> Range:
         topic = self._system.topics[place.index]
         if topic.queue_of is not None:
             return _known_range(anything(place.type), place.type)
@@ -67,7 +67,7 @@ class Domains:
             return _range_at(constant_range(topic.type, topic.default), place.path, place.type)
         return range_in_set(topic, place)
 
-    def _truth(self, place: ReadPlace) -> Range:
+    def _state_range(self, place: ReadPlace) -> Range:
         component = self._system.components[place.index]
         plant = component.plant
         assert plant is not None
@@ -82,8 +82,8 @@ class Domains:
         return _range_at(first, place.path[1:], place.type)
 
 
-def _writable(system: System) -> set[int]:
-    """Topics that somebody may write up to the horizon."""
+def _writable_topics(system: System) -> set[int]:
+    """The topics that an input or a component may write up to the horizon."""
     horizon = test_plan(system).horizon_ns
     topics = {drive.topic for drive in system.inputs}
     for component in system.components:
@@ -104,15 +104,17 @@ def _known_range(known: Known, of: Type) -> Range:
 
 
 def permits_nothing(c: Component, read: Read) -> bool:
-    """Whether a component's guarantees fail for all values of its topics, whatever else is read."""
+    """Whether the component's guarantees fail for all values, so that it can publish nothing."""
     if c.node is None or not c.node.publishes:
         return False
     locals_ = {
-        s.variable: s.value for s in _statements(c.node.step) if isinstance(s, typed.TypedDeclare)
+        s.variable: s.value
+        for s in _statements_below(c.node.step)
+        if isinstance(s, typed.TypedDeclare)
     }
     guarantees = [
-        _and_publishes(condition, body)
-        for s in _statements(c.node.step)
+        _condition_and_publication(condition, body)
+        for s in _statements_below(c.node.step)
         if isinstance(s, typed.TypedIf)
         for condition, body in s.arms
         if any(isinstance(n, typed.TypedPublish) for n in nodes(body)) and _is_guarantee(condition)
@@ -122,10 +124,10 @@ def permits_nothing(c: Component, read: Read) -> bool:
     )
 
 
-def _and_publishes(
+def _condition_and_publication(
     condition: typed.TypedExpr, body: tuple[typed.TypedStmt, ...]
 ) -> typed.TypedExpr:
-    """The condition and that something is published: with several outputs perhaps none is."""
+    """The condition, and that some output is published, where there are several."""
     if any(isinstance(s, typed.TypedPublish) for s in body):
         return condition
     published: typed.TypedExpr | None = None
@@ -139,15 +141,15 @@ def _and_publishes(
 
 
 def _is_guarantee(condition: typed.TypedExpr) -> bool:
-    """Whether a condition is a guarantee, not the choice whether anything is published."""
+    """Whether a condition is a guarantee, not the choice of whether to publish."""
     return not isinstance(condition, (typed.TypedChoose, typed.VarRead))
 
 
-def _statements(body: object) -> list[object]:
-    """All statements, also those inside others."""
+def _statements_below(body: object) -> list[object]:
+    """All statements of a body, also those inside others."""
     parts = list(body) if isinstance(body, tuple) else children(body)
     statements = [p for p in parts if isinstance(p, typed.TypedStmt)]
-    return statements + [inner for p in statements for inner in _statements(p)]
+    return statements + [inner for p in statements for inner in _statements_below(p)]
 
 
 CANNOT_FAIL = "property"
@@ -167,7 +169,7 @@ class VacuousPart:
 
     @property
     def text(self) -> str:
-        """The part and the reason in a sentence."""
+        """The part and the reason, in a sentence."""
         return f"{self.name} {self.why}"
 
     @property
@@ -240,7 +242,7 @@ def _property_vacuity(
 def _why_it_cannot_fail(
     condition: typed.TypedExpr, wanted: bool, prop: Property, domains: Domains
 ) -> str:
-    """Why a property that cannot fail cannot, in words."""
+    """Says why a property that cannot fail cannot."""
     reads = [n for n in nodes([condition]) if isinstance(n, _READ_KINDS)]
     if not reads:
         return "cannot fail: it reads nothing"
@@ -273,7 +275,7 @@ def _timed_vacuity(
             yield VacuousPart("premise", prop.text, why)
         return
     assert prop.condition is not None
-    if why := _holds_anyway(prop.condition, prop.premise, prop.scope, domains):
+    if why := _why_it_holds_anyway(prop.condition, prop.premise, prop.scope, domains):
         yield VacuousPart(CANNOT_FAIL if judged else "premise", prop.text, f"cannot fail: {why}")
     elif prop.premise is not None and ended and not judged:
         premise = _source_text(prop.premise)
@@ -286,10 +288,10 @@ def _timed_vacuity(
             yield VacuousPart("premise", prop.text, why)
 
 
-def _holds_anyway(
+def _why_it_holds_anyway(
     condition: typed.TypedExpr, premise: typed.TypedExpr | None, scope: Scope, domains: Domains
 ) -> str:
-    """Why values alone decide that it holds in time; "" where they do not."""
+    """Why a timed property holds for all values; "" if it need not."""
     if holds_always(condition, True, scope, domains.scalar_range):
         return f"`{_source_text(condition)}` holds for every value of what it reads"
     if premise is None:
@@ -302,7 +304,7 @@ def _holds_anyway(
 
 
 def _implication(premise: typed.TypedExpr, condition: typed.TypedExpr) -> typed.TypedExpr:
-    """An expression: the condition holds wherever the premise does."""
+    """The expression that the condition holds wherever the premise does."""
     fails = typed.TypedUnary(BOOL, premise.span, "!", premise)
     return typed.TypedBinary(BOOL, condition.span, "||", fails, condition)
 
@@ -340,7 +342,7 @@ def _fault_vacuities(system: System) -> Iterator[VacuousPart]:
 
 
 def _unread_parts(system: System, replaced: Sequence[tuple[str, str]]) -> Iterator[VacuousPart]:
-    """Inputs that are drawn, and replacements that publish, though nobody reads them.
+    """Yields inputs that are drawn, and replacements that publish, though nobody reads them.
 
     Replacements by contracts are left out: they make a test smaller, and are not meant to be read.
     """
@@ -362,22 +364,22 @@ def _unread_parts(system: System, replaced: Sequence[tuple[str, str]]) -> Iterat
             instance is None
             or not written
             or read & (written | queues)
-            or _was_extern(system, instance)
+            or _replaces_extern(system, instance)
         ):
             continue
         name = f"the replacement of {instance}"
         yield VacuousPart("replacement", name, "changes nothing: nobody reads what it publishes")
 
 
-def _was_extern(system: System, path: str) -> bool:
-    """Whether the replaced component is extern, so that it had to be replaced."""
+def _replaces_extern(system: System, path: str) -> bool:
+    """Whether the replaced component is extern, so that a test must replace it."""
     test = system.program.tests.get(test_plan(system).name)
     was = None if test is None else symbol_at_path(test, path)
     return not isinstance(was, typed.NodeSymbol) or was.extern
 
 
 def _topics_read(system: System) -> set[int]:
-    """Topics that a step, a decision or a property reads."""
+    """The topics that a step, a decision or a property reads."""
     topics: set[int] = set()
     for c in system.components:
         topics |= {*c.reads}
@@ -395,7 +397,7 @@ def _topics_read(system: System) -> set[int]:
 def symbol_at_path(
     test: typed.TestSymbol, path: str
 ) -> typed.ModuleSymbol | typed.NodeSymbol | None:
-    """The module or node of that name in the system of a test, before anything is replaced."""
+    """The module or node at a path in a test's system, before anything is replaced."""
     found: object = test.system
     for name in path.split("."):
         if isinstance(found, typed.ModuleSymbol):

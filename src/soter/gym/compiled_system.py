@@ -23,9 +23,9 @@ from soter.gym.environment_choices import is_flat
 from soter.language.model.typed import Literal
 from soter.language.model.types import BOOL, BoolType, EnumType, FloatType, IntType
 from soter.native.bindings import Bindings, bind
-from soter.native.c_interface import address, declarations, interface, opened
+from soter.native.c_interface import address, declarations, interface, open_library
 from soter.native.compiler import FAST, vector_flags
-from soter.native.extern_memory import kept_by
+from soter.native.kept_state import why_it_keeps_state
 from soter.native.loaded_program import Library
 from soter.native.shared_library import RUNTIME, library
 from soter.simulate.externs.c_extern import linked_content, linked_symbols
@@ -136,7 +136,7 @@ class CompiledEnvironment:
         self.ffi = interface(
             declarations(RUNTIME / "soter.h"), declarations(FOLDER / "soter_gym.h")
         )
-        self.lib = opened(self.ffi, path, owners)
+        self.lib = open_library(self.ffi, path, owners)
         self.program = address(self.ffi, path, f"{unit.prefix}_program", "const soter_program *")
         self.answers = {c.index: arrange(answer_fields(c)) for c in system.components if c.extern}
         self.observed = tuple(observed)
@@ -250,7 +250,7 @@ class CompiledEnvironment:
 
 def _require_kept_nothing(unit: Unit) -> None:
     """Raises SoterError X008 for C that may keep something that no reset begins anew."""
-    why = kept_by(unit)
+    why = why_it_keeps_state(unit)
     if why:
         message = f"an environment cannot have C that may keep something: {why}"
         note = "it is reset, and worlds of a vector are stepped by turns; what C keeps is neither"
@@ -272,7 +272,7 @@ def loaded_driver(path: Path, prefix: str) -> tuple[Any, Any, Any]:
     """Gives cffi, the functions and the program of a library that was built with `ENGINE`."""
     ffi = interface(declarations(RUNTIME / "soter.h"), declarations(FOLDER / "soter_gym.h"))
     program = address(ffi, path, f"{prefix}_program", "const soter_program *")
-    return ffi, opened(ffi, path), program
+    return ffi, open_library(ffi, path), program
 
 
 def bound_inside(

@@ -119,7 +119,7 @@ class SessionPlant:
         m.state = ffi.cast("uint8_t *", self.state.ctypes.data)
         model.lib.soter_start(model.program, m.state, 0)
         m.low, m.high = self._pointer(model.low), self._pointer(model.high)
-        m.tolerance, m.chosen = self._pointer(self.tolerance), self._pointer(self.chosen)
+        m.tolerance, m.chosen = (self._pointer(self.tolerance), self._pointer(self.chosen))
         m.origin = self._pointer(self.origin)
         m.residual, m.undisturbed = self._pointer(self.residual), self._pointer(self.undisturbed)
         m.work = self._pointer(self._work)

@@ -1,9 +1,9 @@
 """Steps of the trusted thread, timed one by one on this machine.
 
-Purpose: `timed` gives, for every component of the thread that is Soter code, the times of single
-steps, on states of a run (`of_run`) and on copies of them in which what the component reads is
-drawn at random (`varied`), each with the processor's caches as they are and swept. `StepTimes` has
-the figures, and the `wcet` that they suggest.
+Purpose: `time_steps` gives, for every component of the thread that is Soter code, the times of
+single steps, on states of a run (`sample_states`) and on copies of them in which what the component
+reads is drawn at random (`vary_states`), each with the processor's caches as they are and swept.
+`StepTimes` has the figures, and the `wcet` that they suggest.
 Non-goals: bounds, which no measurement gives; random locals, which keep the values of the run.
 """
 
@@ -33,7 +33,7 @@ from soter.language.model.types import (
     leaves,
     write_ns,
 )
-from soter.native.c_interface import address, declarations, interface, opened
+from soter.native.c_interface import address, declarations, interface, open_library
 from soter.native.shared_library import RUNTIME, library
 from soter.simulate.externs.c_extern import linked_symbols
 
@@ -52,15 +52,15 @@ FAR = 1 << 31
 """Ints of a topic without a set are drawn from -FAR to FAR."""
 
 
-def of_run(trace: Bytes, count: int) -> Bytes:
-    """At most `count` states of a trace (n, size), spread over it evenly; a copy."""
+def sample_states(trace: Bytes, count: int) -> Bytes:
+    """At most `count` states of a trace, (n, size), evenly spread over it, as a copy."""
     places = np.unique(np.linspace(0, len(trace) - 1, min(count, len(trace))).astype(int))
     states: Bytes = trace[places].copy()
     return states
 
 
-def read_by(system: System, c: Component) -> tuple[int, ...]:
-    """The topics that a step or a decision of a component reads; no queues."""
+def topics_read(system: System, c: Component) -> tuple[int, ...]:
+    """The topics that a component's step or decision reads, without its queues."""
     if c.role == "dm":
         assert c.module is not None
         topics: set[int] = set(system.modules[c.module].reads)
@@ -69,10 +69,10 @@ def read_by(system: System, c: Component) -> tuple[int, ...]:
     return tuple(sorted(topics - set(queues_of(system, c))))
 
 
-def varied(
+def vary_states(
     system: System, layout: StateLayout, c: Component, states: Bytes, count: int, rng: random.Random
 ) -> Bytes:
-    """`count` states (count, size), copies of some (n, size) in which what it reads is drawn.
+    """`count` copies (count, size) of states (n, size), with random values of what `c` reads.
 
     Its topics take values of their sets, published at the time of the state. In one of eight all
     numbers are at an end of their sets, and lists are full.
@@ -81,34 +81,34 @@ def varied(
     group = next(g for g in layout.groups if g.owner < 0)
     at = {m.name: group.offset + m.offset for m in group.struct.members}
 
-    def stamp(index: int) -> int:
+    def stamp_at(index: int) -> int:
         return layout.stamp_offset + 8 * index
 
     for k in range(count):
         ends = rng.random() < 0.125
         row = bytearray(variants[k].tobytes())
-        for index in read_by(system, c):
+        for index in topics_read(system, c):
             topic = system.topics[index]
-            value = _drawn(topic.type, iter(topic.bounds), rng, ends=ends)
+            value = _draw(topic.type, iter(topic.bounds), rng, ends=ends)
             encode_into(row, at[topic.name], topic.type, value)
-            row[stamp(index) : stamp(index) + 8] = row[:8]  # ct is the first of a state
+            row[stamp_at(index) : stamp_at(index) + 8] = row[:8]  # ct is the first of a state
         variants[k] = np.frombuffer(row, dtype=np.uint8)
     return variants
 
 
-def _drawn(t: Type, bounds: Iterator[Bound | None], rng: random.Random, *, ends: bool) -> Value:
+def _draw(t: Type, bounds: Iterator[Bound | None], rng: random.Random, *, ends: bool) -> Value:
     if isinstance(t, RecordType):
-        return tuple(_drawn(f, bounds, rng, ends=ends) for _, f in t.fields)
+        return tuple(_draw(f, bounds, rng, ends=ends) for _, f in t.fields)
     if isinstance(t, ArrayType):
-        return tuple(_drawn(t.element, bounds, rng, ends=ends) for _ in range(t.size))
+        return tuple(_draw(t.element, bounds, rng, ends=ends) for _ in range(t.size))
     if isinstance(t, ListType):
         n = t.capacity if ends else rng.randint(0, t.capacity)
         of = [next(bounds, None) for _ in leaves(t.element)]
-        return tuple(_drawn(t.element, iter(of), rng, ends=ends) for _ in range(n))
-    return _scalar(t, next(bounds, None), rng, ends=ends)
+        return tuple(_draw(t.element, iter(of), rng, ends=ends) for _ in range(n))
+    return _draw_scalar(t, next(bounds, None), rng, ends=ends)
 
 
-def _scalar(t: Type, bound: Bound | None, rng: random.Random, *, ends: bool) -> float | int:
+def _draw_scalar(t: Type, bound: Bound | None, rng: random.Random, *, ends: bool) -> float | int:
     if isinstance(t, BoolType):
         return rng.random() < 0.5
     if isinstance(t, EnumType):
@@ -151,11 +151,11 @@ class StepTimes:
 
     @property
     def line(self) -> str:
-        """The line for the text of the node, or of the `rta`."""
+        """The line to write into the node, or into the `rta`."""
         return f"wcet {write_ns(self.wcet_ns)};"
 
 
-def timed(
+def time_steps(
     made: TimedUnit,
     trace: Bytes,
     *,
@@ -164,23 +164,23 @@ def timed(
     seed: int,
     progress: Callable[[float], None] | None = None,
 ) -> tuple[StepTimes, ...]:
-    """The times of every component of the thread that is no extern; `trace` (n, size): states.
+    """Times each component of the thread that is Soter code, on states of a `trace`, (n, size).
 
-    About `samples` steps of each: a quarter from states of the run, a quarter from varied ones,
-    and both again with caches swept.
+    About `samples` steps of each: a quarter from states of the run, a quarter from varied ones, and
+    both again with caches swept.
     """
     rng = random.Random(f"measure {seed}")  # noqa: S311 - states, not secrets
     mine = timed_components(made.system)
     measured = []
     for k, c in enumerate(mine):
         quarter = max(1, samples // 4)
-        seen = of_run(trace, quarter)
-        made_up = varied(made.system, made.layout, c, seen, quarter, rng)
+        seen = sample_states(trace, quarter)
+        made_up = vary_states(made.system, made.layout, c, seen, quarter, rng)
         took: list[npt.NDArray[np.int64]] = []
         faulted = 0
         for states in (seen, made_up):
             for swept in (False, True):
-                times, wrong = made.times(c, states, swept=swept)
+                times, wrong = made.measure_steps(c, states, swept=swept)
                 took.append(times)
                 faulted += wrong
         measured.append(step_times(made.system, c, np.concatenate(took), faulted, margin=margin))
@@ -197,7 +197,7 @@ def timed_components(system: System) -> list[Component]:
 def step_times(
     system: System, c: Component, took: npt.NDArray[np.int64], faulted: int = 0, *, margin: float
 ) -> StepTimes:
-    """The figures of a component's times (samples,) in ns; `faulted`: how many steps did."""
+    """The figures of a component's times, (samples,) in ns; `faulted`: how many steps faulted."""
     longest = int(took.max())
     if c.node is not None:
         declared = c.node.name
@@ -217,7 +217,7 @@ def step_times(
 
 
 class TimedUnit:
-    """A system and its compiled C, together with that of `c/`."""
+    """The compiled C of a system, with the stopwatch in `c/`."""
 
     def __init__(self, system: System, core: CoreSystem | None) -> None:
         self.system = system
@@ -228,16 +228,16 @@ class TimedUnit:
         self.ffi: Any = interface(
             declarations(RUNTIME / "soter.h"), declarations(FOLDER / "soter_stopwatch.h")
         )
-        self.lib = opened(self.ffi, path, linked_symbols(system, core))
+        self.lib = open_library(self.ffi, path, linked_symbols(system, core))
         prefix = self.unit.prefix
         self.program = address(self.ffi, path, f"{prefix}_program", "const soter_program *")
         self.state = np.zeros(self.layout.size, dtype=np.uint8)
         self.swept = np.zeros(SWEPT_BYTES, dtype=np.uint8)
 
-    def times(
+    def measure_steps(
         self, c: Component, states: Bytes, *, swept: bool
     ) -> tuple[npt.NDArray[np.int64], int]:
-        """Ns of one step from each state (n, size), and how many of them faulted."""
+        """The ns of one step from each state, (n, size), and how many of the steps faulted."""
         took = np.zeros(len(states), dtype=np.int64)
         states = np.ascontiguousarray(states)
         job = self.ffi.new(
@@ -245,16 +245,16 @@ class TimedUnit:
             {
                 "program": self.program,
                 "component": c.index,
-                "from": self._at("const void *", states),
+                "from": self._pointer("const void *", states),
                 "stride": self.layout.size,
                 "count": len(states),
-                "state": self._at("void *", self.state),
-                "swept": self._at("unsigned char *", self.swept),
+                "state": self._pointer("void *", self.state),
+                "swept": self._pointer("unsigned char *", self.swept),
                 "size": SWEPT_BYTES if swept else 0,
-                "took": self._at("int64_t *", took),
+                "took": self._pointer("int64_t *", took),
             },
         )
         return took, int(self.lib.soter_stopwatch(job))
 
-    def _at(self, type_: str, array: npt.NDArray[Any]) -> Any:  # noqa: ANN401 - cdata
+    def _pointer(self, type_: str, array: npt.NDArray[Any]) -> Any:  # noqa: ANN401 - cdata
         return self.ffi.cast(type_, array.ctypes.data)

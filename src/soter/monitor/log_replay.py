@@ -32,7 +32,7 @@ from soter.report.judged_curves import JudgedTimes
 from soter.semantics.configuration import AC, NEVER, DecisionVerdict, StepOutcome
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.rules import ac_or_sc_step, dm_step, environment_input
-from soter.simulate.decisions import PredicateValues, reason
+from soter.simulate.decisions import PredicateValues, decision_reason
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -380,7 +380,7 @@ class _Watch:
         if verdict.before != verdict.after:
             before, after = ("AC", "SC") if verdict.before == AC else ("SC", "AC")
             saw = PredicateValues(verdict.ttf, verdict.safer, verdict.stale, verdict.gate_fault)
-            why = reason(before, after, saw)  # type: ignore[arg-type]
+            why = decision_reason(before, after, saw)  # type: ignore[arg-type]
             module_log.changes.append(LoggedModeChange(time_s, after, why))
         if verdict.stale:
             module_log.stale += 1

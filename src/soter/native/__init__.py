@@ -6,6 +6,6 @@ In reading order:
 - `cache.py` keeps what was built by its content; `shared_library.py` compiles and
   keeps generated C; `c_interface.py` opens it, and is the one file that knows cffi;
   `loaded_program.py` runs it on a state.
-- `extern_memory.py` finds whether C of externs may keep state between calls.
+- `kept_state.py` finds whether C of externs may keep state between calls.
 - `stack_bound.py` bounds the stack of a package from the compiler's figures.
 """

@@ -21,7 +21,7 @@ from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError, mistake
 from soter.diagnostics.similar_names import nearest_or_all
 from soter.language.load.named_files import FORMS, ReadError, binding_of, read_bytes
-from soter.native.cache import included
+from soter.native.cache import included_files
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -44,10 +44,10 @@ class FilePolicy:
 
 
 class PolicyFiles(Protocol):
-    """The interface of the add-on for learned policies, for a binding to one."""
+    """The functions of the add-on for learned policies that a binding to a policy needs."""
 
     def sha256_of_files(self, binding: BindingText) -> dict[str, str]:
-        """The SHA-256 of the files it names, and of those they name; `SoterError` X003, X014."""
+        """The SHA-256 of each file of a binding, and of files that these name; X003, X014."""
 
     def action_bounds(self, binding: BindingText) -> list[tuple[float, float]]:
         """The range of each number that a zip answers; `SoterError` X003, X014, D007."""
@@ -55,7 +55,7 @@ class PolicyFiles(Protocol):
     def load_policy(
         self, binding: BindingText, reads: Shapes, answers: Shapes, span: Span | None
     ) -> FilePolicy:
-        """The policy; `SoterError` X003, X014, D007 at the place that declares the node."""
+        """The policy of a binding; X003, X014, D007 at the place that declares the node."""
 
 
 def policy_files() -> PolicyFiles:
@@ -64,12 +64,12 @@ def policy_files() -> PolicyFiles:
 
 
 def file_hashes(bound: object) -> dict[str, str]:
-    """The SHA-256 of each file by name; empty if no text binds it; `SoterError` X003, X014."""
+    """The SHA-256 of each file behind a binding, by name; {} for an object; X003, X014."""
     binding = binding_of(bound) if isinstance(bound, str) else None
     if binding is None:
         return {}
     if binding.kind == "c":
-        texts = included(binding.file)
+        texts = included_files(binding.file)
         return {str(p): _sha256(t.encode("utf-8", "surrogateescape")) for p, t in texts.items()}
     if not binding.is_policy:
         return {binding.file: _sha256(read_bytes(Path(binding.file)))}
@@ -97,23 +97,23 @@ class Extern:
 
 @dataclass(eq=False)
 class Bindings:
-    """The externs of a system, and Core with the C functions as they are bound."""
+    """The externs of a system with their bindings, and the Core that calls their C."""
 
     system: System
     core: CoreSystem
     externs: list[Extern] = field(default_factory=list)
 
     def texts(self) -> dict[str, str]:
-        """`binding_text` of each extern, for people and logs."""
+        """`binding_text` of each extern, by its name."""
         return {x.name: binding_text(x.bound) for x in self.externs}
 
     def files(self) -> dict[str, dict[str, str]]:
-        """SHA-256 of the files that answer each extern, by name; SoterError X003, X014."""
+        """The SHA-256 of the files that answer each extern, by name; X003, X014."""
         return {x.name: file_hashes(x.bound) for x in self.externs}
 
 
 def check_text(name: str, text: str) -> str:
-    """A binding that is given as text, after a check of its file; `SoterError` U001."""
+    """The text of a binding, once its form and its files are checked; `SoterError` U001, X003."""
     binding = binding_of(text)
     if binding is None:
         raise mistake(
@@ -128,24 +128,23 @@ def check_text(name: str, text: str) -> str:
 
 
 def check_target(name: str, target: object) -> None:
-    """`SoterError` U001, X002, X003 for an object that can answer no extern at all."""
+    """Raises `SoterError` U001, X002 or X003 for an object that no extern can be bound to."""
     if isinstance(target, str):
         check_text(name, target)
     elif not isinstance(target, type) and not callable(getattr(target, "step", target)):
-        raise SoterError((not_callable(name, target),))
+        raise SoterError((not_callable_error(name, target),))
 
 
-def require_named(systems: Sequence[System], name: str) -> None:
-    """`SoterError` U005 where none of a program's systems has an extern of that name."""
+def require_extern(systems: Sequence[System], name: str) -> None:
+    """Raises `SoterError` U005 unless some system of a program has an extern of that name."""
     quick = [(s, list(_extern_components(s))) for s in systems]
     if not systems or any(_is_named(externs, name) for _, externs in quick):
         return
     externs = [x for s in systems for x in _all_externs(s, lower(s))]
     if not _is_named(externs, name):
-        coded = [d for s in systems if (d := _own_code(s, name)) is not None]
-        raise SoterError(
-            (coded[0] if coded else _unknown_extern("no system of this program", externs, name),)
-        )
+        coded = [d for s in systems if (d := _own_code_error(s, name)) is not None]
+        unknown = _unknown_extern_error("no system of this program", externs, name)
+        raise SoterError((coded[0] if coded else unknown,))
 
 
 def bind(system: System, bound: Mapping[str, object]) -> Bindings:
@@ -160,18 +159,18 @@ def bind(system: System, bound: Mapping[str, object]) -> Bindings:
     problems = [_no_extern(system, externs, name) for name in bound if not _is_named(externs, name)]
     if problems:
         raise SoterError(tuple(problems))
-    _assign(externs, bound)
-    _enter_c(core, externs)
+    _assign_targets(externs, bound)
+    _enter_c_bindings(core, externs)
     return Bindings(system, core, externs)
 
 
 def require_linked(bindings: Bindings) -> None:
-    """Reads the C that is compiled into a program before work that errors would waste: X003."""
+    """Reads all C that is compiled into a program, before work that an error would waste: X003."""
     require_read([x for x in bindings.externs if is_c(x.bound)], lambda x: file_hashes(x.bound))
 
 
 def require_read(externs: Iterable[Extern], read: Callable[[Extern], object]) -> None:
-    """Reads what answers each extern; `SoterError` with all that could not be read."""
+    """Calls `read` for each extern; `SoterError` with all errors that this raised."""
     problems: list[Diagnostic] = []
     for extern in externs:
         declared = Label(extern.span, "declared here")
@@ -187,23 +186,23 @@ def require_read(externs: Iterable[Extern], read: Callable[[Extern], object]) ->
 
 
 def bind_again(bindings: Bindings, targets: Mapping[str, object]) -> Bindings:
-    """The same system with other Python objects under the same names and texts."""
+    """The same bindings with other Python objects under the same names."""
     externs = [replace(x) for x in bindings.externs]
-    _assign(externs, targets)
+    _assign_targets(externs, targets)
     return Bindings(bindings.system, bindings.core, externs)
 
 
-def bound_alike(bindings: Bindings, derived: System) -> Bindings:
-    """The same bindings of a system that is derived from theirs, as one with a forced module.
+def bind_derived(bindings: Bindings, derived: System) -> Bindings:
+    """The same bindings for a system that is derived from theirs, such as one with a forced module.
 
     Core is lowered again: AC of a module that is forced has no shield.
     """
     core = lower(derived)
-    _enter_c(core, bindings.externs)
+    _enter_c_bindings(core, bindings.externs)
     return Bindings(derived, core, bindings.externs)
 
 
-def _assign(externs: list[Extern], targets: Mapping[str, object]) -> None:
+def _assign_targets(externs: list[Extern], targets: Mapping[str, object]) -> None:
     for exactness in (2, 1, 0):
         for name, target in targets.items():
             for extern in externs:
@@ -211,8 +210,8 @@ def _assign(externs: list[Extern], targets: Mapping[str, object]) -> None:
                     extern.bound = check_text(name, target) if isinstance(target, str) else target
 
 
-def bind_somewhere(systems: Sequence[System], targets: Mapping[str, object]) -> None:
-    """SoterError U005 for a name that no system of a program has an extern for."""
+def require_bindable(systems: Sequence[System], targets: Mapping[str, object]) -> None:
+    """Raises `SoterError` U005 for a name that no system of a program can bind."""
     problems: list[Diagnostic] = []
     for name, target in targets.items():
         problem_lists = [_problems_of_binding(system, name, target) for system in systems]
@@ -251,7 +250,7 @@ def _all_externs(system: System, core: CoreSystem) -> Iterable[Extern]:
 
 
 def _match_levels(extern: Extern, name: str) -> tuple[int, ...]:
-    """The ways in which a name fits an extern, as exactness, 0 the least; empty: it does not."""
+    """How a name fits an extern: as levels of exactness, 0 the least; empty if it does not fit."""
     levels = []
     if name == extern.name:
         levels.append(0)  # the last one entered wins
@@ -273,12 +272,12 @@ def _is_named(externs: list[Extern], name: str) -> bool:
 
 
 def _no_extern(system: System, externs: list[Extern], name: str) -> Diagnostic:
-    nowhere = _unknown_extern(f"system `{system.name}`", externs, name)
-    return _own_code(system, name) or nowhere
+    nowhere = _unknown_extern_error(f"system `{system.name}`", externs, name)
+    return _own_code_error(system, name) or nowhere
 
 
-def _own_code(system: System, name: str) -> Diagnostic | None:
-    """The error for a name that stands for something that is no extern; None: it is unknown."""
+def _own_code_error(system: System, name: str) -> Diagnostic | None:
+    """The error for a name of a component that is no extern; None if nothing has the name."""
     for x in system.components:
         symbol = x.node or x.plant
         if symbol is not None and name in (x.name, x.name.rpartition(".")[2], symbol.name):
@@ -291,7 +290,7 @@ def _own_code(system: System, name: str) -> Diagnostic | None:
     return None
 
 
-def _unknown_extern(where: str, externs: list[Extern], name: str) -> Diagnostic:
+def _unknown_extern_error(where: str, externs: list[Extern], name: str) -> Diagnostic:
     names = list(dict.fromkeys(x.name for x in externs))
     known = nearest_or_all(name, [*names, *(n.rpartition(".")[2] for n in names)])
     has = "has an" if where.startswith("no ") else "has no"
@@ -299,15 +298,15 @@ def _unknown_extern(where: str, externs: list[Extern], name: str) -> Diagnostic:
     return Diagnostic("U005", f"{where} {has} extern `{name}`", helps=(help_,))
 
 
-def not_callable(name: str, bound: object) -> Diagnostic:
-    """X002 for an object that can answer no extern."""
+def not_callable_error(name: str, bound: object) -> Diagnostic:
+    """The error X002 for an object that can answer no extern."""
     bound_text = f"a `{type(bound).__name__}`, which cannot be called and has no `step`"
     help_ = "bind a function, a class or an object with `step`, or `python:file.py:name`"
     return Diagnostic("X002", f"extern `{name}` is bound to {bound_text}", helps=(help_,))
 
 
 def binding_text(bound: object) -> str:
-    """Words for what an extern is bound to."""
+    """Says in words what an extern is bound to."""
     if bound is None:
         return "nothing"
     if isinstance(bound, str):
@@ -321,12 +320,12 @@ def binding_text(bound: object) -> str:
 
 
 def is_c(bound: object) -> TypeGuard[str]:
-    """Whether it is a binding to C."""
+    """Whether an extern is bound to C."""
     return isinstance(bound, str) and bound.startswith("c:")
 
 
-def _enter_c(core: CoreSystem, externs: list[Extern]) -> None:
-    """Tells the code generator which externs are C, and which no longer are."""
+def _enter_c_bindings(core: CoreSystem, externs: list[Extern]) -> None:
+    """Enters bindings to C in the components and in Core, for the code generator."""
     for extern in externs:
         text = extern.bound if isinstance(extern.bound, str) else None
         if extern.component is not None:

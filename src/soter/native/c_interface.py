@@ -34,9 +34,9 @@ _opened: list[Any] = []
 
 
 def declarations(header: Path) -> str:
-    """What a header of Soter declares: types, functions and numbers; no comments, no inline code.
+    """The types, functions and numbers that a header of Soter declares, without inline functions.
 
-    Headers that it includes are not read: give their declarations before.
+    It does not follow includes: give the declarations of included headers before.
     """
 
     def kept(match: re.Match[str]) -> str:
@@ -49,10 +49,10 @@ def declarations(header: Path) -> str:
 
 @lru_cache(maxsize=64)
 def interface(*declared: str) -> Any:  # noqa: ANN401 - cffi has no types
-    """The cffi object for these declarations; the same one for the same texts.
+    """The cffi object for these declarations, parsed once for each sequence of texts.
 
-    They are parsed once and cffi's tables of them are cached, as parsing takes longer than most
-    runs. SoterError X006 where the cache cannot be used.
+    cffi's tables are cached, as parsing takes longer than most runs. SoterError X006 if the cache
+    cannot be used.
     """
     import _cffi_backend  # noqa: PLC0415 - only what is compiled pays for it
 
@@ -68,16 +68,15 @@ def interface(*declared: str) -> Any:  # noqa: ANN401 - cffi has no types
     return run_path(str(cached("interface", content, (TABLES,), make) / TABLES))["ffi"]
 
 
-def opened(
+def open_library(
     ffi: Any,  # noqa: ANN401 - cffi has no types
     path: Path,
     owners: Mapping[str, str] | None = None,
 ) -> Any:  # noqa: ANN401 - the same
-    """The loaded library; SoterError X004 where a function that it needs is missing.
+    """The loaded library; SoterError X004 if a function that it needs is missing.
 
-    X012 where this thread's floating-point settings are not those that the library assumes.
-
-    `owners`: by linked function, the C file that should have it.
+    X012 if this thread's floating-point settings are not those that the library assumes. `owners`:
+    for each linked function, the C file that should define it.
     """
     require_plain()
     try:
@@ -103,6 +102,6 @@ def opened(
 
 
 def address(ffi: Any, path: Path, symbol: str, type_: str) -> Any:  # noqa: ANN401 - cdata
-    """The address of a constant of the library, as a pointer of this type."""
+    """The address of a constant in the library, as a pointer of this type."""
     held = ctypes.c_char.in_dll(ctypes.CDLL(str(path)), symbol)
     return ffi.cast(type_, ctypes.addressof(held))

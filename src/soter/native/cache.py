@@ -2,12 +2,12 @@
 
 Purpose: an entry is a folder NAME-CONTENT with its files and their seals. It is made beside and
 moved into place, so it is there whole or not at all; what is damaged, or could have been written by
-another user, is made again. The least recently used entries make room. `included` and `files_below`
-find the files that compiled code depends on, for CONTENT and for packages; a folder without any is
-an error: Soter is not whole then. `computes_names` says that macros put a file's name together,
-which nobody here follows.
+another user, is made again. The least recently used entries make room. `included_files` and
+`files_below` find the files that compiled code depends on, for CONTENT and for packages; a folder
+without any is an error: Soter is not whole then. `computes_names` says that macros put a file's
+name together, which nobody here follows.
 Non-goals: what is in an entry; folders above the cache that others may write to; headers in angle
-brackets; which names macros make (`extern_memory.py` sees them).
+brackets; which names macros make (`kept_state.py` sees them).
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ _ours: set[Path] = set()
 
 
 def cache_dir() -> Path:
-    """$SOTER_CACHE, else the user's cache folder."""
+    """The folder of the cache: $SOTER_CACHE, else the user's cache folder."""
     chosen = os.environ.get("SOTER_CACHE")
     if chosen:
         return Path(chosen)
@@ -64,7 +64,7 @@ def cache_dir() -> Path:
 
 
 def digest(parts: Iterable[str]) -> str:
-    """A hash of a sequence of texts, which tells where one ends."""
+    """A hash of a sequence of texts; where one text ends makes a difference."""
     sha = hashlib.sha256()
     for part in parts:
         data = part.encode("utf-8", "surrogatepass")
@@ -74,22 +74,22 @@ def digest(parts: Iterable[str]) -> str:
 
 
 def cached(name: str, content: str, files: tuple[str, ...], make: Callable[[Path], None]) -> Path:
-    """The folder with `files`: from the cache, or made by `make` in an empty folder.
+    """The folder with `files`: from the cache, or filled by `make(folder)`.
 
-    `content`: a hash of everything that they depend on. SoterError X006 where the cache cannot be
+    `content`: a hash of everything that they depend on. SoterError X006 if the cache cannot be
     used; raises whatever `make` does.
     """
     if find_cached(name, content, files) is None:
         with new_entry(name, content, files) as made:
             make(made)
-    return _entry(cache_dir(), name, content)
+    return _entry_folder(cache_dir(), name, content)
 
 
 def find_cached(name: str, content: str, files: tuple[str, ...]) -> Path | None:
     """The folder with `files` if the cache has it; SoterError X006 for a cache of others."""
     folder = cache_dir()
     _refuse_a_folder_of_others(folder)
-    entry = _entry(folder, name, content)
+    entry = _entry_folder(folder, name, content)
     if not _is_whole(entry, content, files):
         return None
     with contextlib.suppress(OSError):  # a cache that may only be read is used all the same
@@ -102,24 +102,24 @@ def find_cached(name: str, content: str, files: tuple[str, ...]) -> Path | None:
 def new_entry(name: str, content: str, files: tuple[str, ...]) -> Iterator[Path]:
     """An empty folder for `files`, which then is the entry of the cache, in place of an older one.
 
-    `content`: as of `cached`. SoterError X006 where the cache cannot be used.
+    `content`: as of `cached`. SoterError X006 if the cache cannot be used.
     """
-    entry = _entry(cache_dir(), name, content)
-    most, _ = limit()
-    with _written_to() as folder:
+    entry = _entry_folder(cache_dir(), name, content)
+    most, _ = cache_limit()
+    with _writable_folder() as folder:
         with tempfile.TemporaryDirectory(dir=folder, prefix=MAKING) as work:
             made = Path(work) / "made"
             made.mkdir(mode=0o700)
             yield made
-            _seal(made, content, files)
-            _move(made, entry, Path(work) / "old", content, files)
+            _seal_entry(made, content, files)
+            _move_entry(made, entry, Path(work) / "old", content, files)
         _ours.add(entry)
         _make_room(folder, most)
 
 
 @contextlib.contextmanager
-def _written_to() -> Iterator[Path]:
-    """The folder of the cache, which is made if need be; SoterError X006 in place of an OSError."""
+def _writable_folder() -> Iterator[Path]:
+    """The cache's folder, made if it is missing; an OSError becomes SoterError X006."""
     folder = cache_dir()
     try:
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
@@ -131,41 +131,41 @@ def _written_to() -> Iterator[Path]:
 
 @contextlib.contextmanager
 def making() -> Iterator[Path]:
-    """A temporary folder of the cache; SoterError X006 where there can be none."""
-    with _written_to() as folder:
+    """A temporary folder inside the cache; SoterError X006 if none can be made."""
+    with _writable_folder() as folder:
         work = tempfile.TemporaryDirectory(dir=folder, prefix=MAKING)
     with work as name:
         yield Path(name)
 
 
-def _entry(folder: Path, name: str, content: str) -> Path:
+def _entry_folder(folder: Path, name: str, content: str) -> Path:
     return folder.absolute() / f"{name}-{content[:32]}"
 
 
 # ---------------------------------------------------------------- whole and ours
 
 
-def _hash(path: Path) -> str:
+def _file_sha256(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def _seals(folder: Path, content: str, files: tuple[str, ...]) -> str:
-    return "\n".join([content, *(_hash(folder / name) for name in files)])
+def _seals_text(folder: Path, content: str, files: tuple[str, ...]) -> str:
+    return "\n".join([content, *(_file_sha256(folder / name) for name in files)])
 
 
-def _seal(made: Path, content: str, files: tuple[str, ...]) -> None:
-    """Keep only these files, writable by us alone, and write their seals."""
+def _seal_entry(made: Path, content: str, files: tuple[str, ...]) -> None:
+    """Keeps only these files, writable by this user alone, and writes their seals."""
     wanted = {Path(name).parts[0] for name in files}
     for path in made.iterdir():
         if path.name not in wanted:
             shutil.rmtree(path) if path.is_dir() else path.unlink()
-    (made / SEALS).write_text(_seals(made, content, files), encoding="utf-8")
+    (made / SEALS).write_text(_seals_text(made, content, files), encoding="utf-8")
     for name in (*files, SEALS):
         (made / name).chmod(0o600)
 
 
 def _is_whole(entry: Path, content: str, files: tuple[str, ...]) -> bool:
-    """Whether the entry is there, undamaged, and nobody else could have written any of it.
+    """Whether an entry is complete and undamaged, and nobody else could have written to it.
 
     Loading half a library kills the process; loading somebody else's runs it.
     """
@@ -175,13 +175,13 @@ def _is_whole(entry: Path, content: str, files: tuple[str, ...]) -> bool:
             status = (entry / name).lstat()
             ours = ours and stat.S_ISREG(status.st_mode) and is_ours(status)
         seals = (entry / SEALS).read_text(encoding="utf-8") if ours else ""
-        return ours and seals == _seals(entry, content, files)
+        return ours and seals == _seals_text(entry, content, files)
     except (OSError, UnicodeDecodeError):
         return False
 
 
 def is_ours(status: os.stat_result) -> bool:
-    """Whether it belongs to this user (or root), and nobody else may write to it."""
+    """Whether a file belongs to this user or root, and nobody else may write to it."""
     return status.st_uid in {os.geteuid(), 0} and not status.st_mode & OTHERS
 
 
@@ -203,8 +203,8 @@ def _unusable(message: str, notes: tuple[str, ...] = (), helps: tuple[str, ...] 
     return SoterError((Diagnostic("X006", message, notes=notes, helps=(*helps, other)),))
 
 
-def _move(made: Path, entry: Path, old: Path, content: str, files: tuple[str, ...]) -> None:
-    """Move an entry into place, unless another process was faster."""
+def _move_entry(made: Path, entry: Path, old: Path, content: str, files: tuple[str, ...]) -> None:
+    """Moves an entry into place, unless another process was faster."""
     if _is_whole(entry, content, files):
         return
     try:
@@ -219,8 +219,8 @@ def _move(made: Path, entry: Path, old: Path, content: str, files: tuple[str, ..
 # ---------------------------------------------------------------- room
 
 
-def limit() -> tuple[int, str]:
-    """Bytes that the cache may hold, and what says so; SoterError X006 where that is no number."""
+def cache_limit() -> tuple[int, str]:
+    """The bytes that the cache may hold, and who says so; SoterError X006 if that is no number."""
     text, where = os.environ.get(LIMIT, "").strip(), LIMIT
     if not text:
         file = cache_dir() / LIMIT_FILE
@@ -242,23 +242,23 @@ def limit() -> tuple[int, str]:
 
 
 def set_limit(megabytes: int) -> None:
-    """Store what the cache may hold, and make room accordingly; SoterError X006."""
-    with _written_to() as folder:
+    """Stores the limit of the cache, and removes entries beyond it; SoterError X006."""
+    with _writable_folder() as folder:
         with tempfile.TemporaryDirectory(dir=folder, prefix=MAKING) as work:
             made = Path(work) / LIMIT_FILE
             made.write_text(f"{megabytes}\n", encoding="ascii")
             made.replace(folder / LIMIT_FILE)
         (folder / LOOKED_FILE).unlink(missing_ok=True)
-    _make_room(folder, limit()[0])
+    _make_room(folder, cache_limit()[0])
 
 
 def entries() -> list[tuple[float, int, Path]]:
-    """When each entry was used last (s since 1970), its bytes, its folder; the oldest first.
+    """Of each entry when it was last used (s since 1970), its bytes, its folder; oldest first.
 
-    SoterError X006 where the folder cannot be read.
+    SoterError X006 if the folder cannot be read.
     """
     try:
-        return [(at, size, Path(entry)) for at, size, entry in sorted(_used(cache_dir()))]
+        return [(at, size, Path(entry)) for at, size, entry in sorted(_entries_in(cache_dir()))]
     except FileNotFoundError:
         return []
     except OSError as error:
@@ -267,7 +267,7 @@ def entries() -> list[tuple[float, int, Path]]:
 
 
 def clear() -> tuple[int, int]:
-    """Remove every entry; return how many, and their bytes. SoterError X006 where one stays."""
+    """Removes every entry; gives how many, and their bytes. SoterError X006 if one stays."""
     _refuse_a_folder_of_others(cache_dir())
     cache_entries = entries()
     for _, _, entry in cache_entries:
@@ -282,12 +282,12 @@ def clear() -> tuple[int, int]:
 
 
 def _make_room(folder: Path, most: int) -> None:
-    """Remove the least recently used entries beyond `most` bytes, none of this process's."""
+    """Removes the least recently used entries beyond `most` bytes; keeps those of this process."""
     now = time.time()
     if _looked_lately(folder, most, now):
         return
     (folder / LOOKED_FILE).write_text(f"{most}\n", encoding="ascii")
-    used = sorted(_used(folder))
+    used = sorted(_entries_in(folder))
     size = sum(n for _, n, _ in used)
     for at, n, entry in used:
         if size <= most or now - at < YOUNG_S:
@@ -298,7 +298,7 @@ def _make_room(folder: Path, most: int) -> None:
 
 
 def _looked_lately(folder: Path, most: int, now: float) -> bool:
-    """Whether some process has looked for room lately, with the same limit."""
+    """Whether some process has lately enforced the same limit."""
     file = folder / LOOKED_FILE
     try:
         lately = 0.0 <= now - file.stat().st_mtime < LOOK_S
@@ -307,15 +307,15 @@ def _looked_lately(folder: Path, most: int, now: float) -> bool:
         return False
 
 
-def _used(folder: Path) -> list[tuple[float, int, str]]:
-    """When each entry was used last, its bytes, its folder; other files there are not ours."""
+def _entries_in(folder: Path) -> list[tuple[float, int, str]]:
+    """Of each entry in a folder when it was last used, its bytes, its path; skips other files."""
     used = []
     with os.scandir(folder.absolute()) as listed:
         for entry in listed:
             try:
                 if not entry.is_dir(follow_symlinks=False):
                     continue
-                names, size = _listed(entry.path)
+                names, size = _names_and_bytes(entry.path)
                 if entry.name.startswith(MAKING) or SEALS in names:
                     last = entry.stat(follow_symlinks=False).st_mtime
                     used.append((last, size, entry.path))
@@ -324,15 +324,15 @@ def _used(folder: Path) -> list[tuple[float, int, str]]:
     return used
 
 
-def _listed(folder: str) -> tuple[set[str], int]:
-    """The names in a folder, and the bytes of everything below it."""
+def _names_and_bytes(folder: str) -> tuple[set[str], int]:
+    """The names in a folder, and the bytes of all files below it."""
     names, size = set(), 0
     with os.scandir(folder) as listed:
         for entry in listed:
             names.add(entry.name)
             size += entry.stat(follow_symlinks=False).st_size
             if entry.is_dir(follow_symlinks=False):
-                size += _listed(entry.path)[1]
+                size += _names_and_bytes(entry.path)[1]
     return names, size
 
 
@@ -340,7 +340,7 @@ SOTER = Path(__file__).resolve().parents[1]
 
 
 def files_below(folder: Path, *patterns: str) -> list[Path]:
-    """All files of these patterns below a folder, in order; FileNotFoundError if there are none."""
+    """All files below a folder that match a pattern, sorted; FileNotFoundError if none does."""
     wanted = re.compile("|".join(map(fnmatch.translate, patterns))).match
     names = [f"{at}{os.sep}{n}" for at, _, files in os.walk(folder) for n in files if wanted(n)]
     paths = [Path(name) for name in sorted(names, key=lambda name: name.replace(os.sep, "\0"))]
@@ -352,7 +352,7 @@ def files_below(folder: Path, *patterns: str) -> list[Path]:
 
 @cache
 def soter_sha256() -> str:
-    """A hash of every file of Soter, the prelude too."""
+    """A hash of all source files of Soter, the prelude included."""
     sha = hashlib.sha256()
     below = len(SOTER.as_posix()) + 1
     for path in files_below(SOTER, "*.py", "*.c", "*.h", "*.soter"):
@@ -377,8 +377,8 @@ OF_A_MACRO = re.compile(
 FILES_MAX = 1000
 
 
-def included(*sources: str | Path, folders: tuple[Path, ...] = ()) -> dict[Path, str]:
-    """Path and text of C files and of all they include in quotes; X003 where one cannot be read.
+def included_files(*sources: str | Path, folders: tuple[Path, ...] = ()) -> dict[Path, str]:
+    """Path and text of C files and of all that they include in quotes; X003 if one is unreadable.
 
     `folders`: where headers are looked for besides the folder of the file that includes them.
     """
@@ -387,7 +387,7 @@ def included(*sources: str | Path, folders: tuple[Path, ...] = ()) -> dict[Path,
         path = waiting.pop()
         if path in text_by_path:
             continue
-        text_by_path[path] = _read(path)
+        text_by_path[path] = _read_source(path)
         text = text_by_path[path].replace("\\\n", "")
         for name in (*INCLUDE.findall(text), *INCBIN.findall(text)):
             places = ((place / name).resolve() for place in (path.parent, *folders))
@@ -396,7 +396,7 @@ def included(*sources: str | Path, folders: tuple[Path, ...] = ()) -> dict[Path,
 
 
 def computes_names(texts: Collection[str]) -> bool:
-    """Whether C includes a file whose name a macro makes, unless its definition is in quotes."""
+    """Whether C includes a file whose name a macro makes, other than a name in quotes."""
     joined = [t.replace("\\\n", "") for t in texts]
     for name, rest in (found for t in joined for found in OF_A_MACRO.findall(t)):
         defined = re.compile(rf"^[ \t]*(?:#|%:)[ \t]*define[ \t]+{name}\b(?!\()(.*)$", re.MULTILINE)
@@ -406,7 +406,7 @@ def computes_names(texts: Collection[str]) -> bool:
     return False
 
 
-def _read(path: Path) -> str:
+def _read_source(path: Path) -> str:
     try:
         return read_bytes(path).decode("utf-8", "surrogateescape")
     except OSError as error:

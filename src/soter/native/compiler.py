@@ -46,12 +46,12 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def python_child(code: str, *words: str) -> list[str]:
-    """The command that runs this code with `words` as `sys.argv[1:]`; it imports this Soter."""
+    """The command that runs Python code with `words` as `sys.argv[1:]`, and imports this Soter."""
     return [sys.executable, "-c", START.format(root=str(ROOT)) + code, *words]
 
 
 def python_module(name: str, *words: str) -> list[str]:
-    """The command that runs a module of an installed package, as `python -m` would."""
+    """The command that runs a module of an installed package, as `python -m` does."""
     run = f"import runpy; runpy.run_module({name!r}, run_name='__main__', alter_sys=True)"
     return python_child(run, *words)
 
@@ -76,7 +76,7 @@ class CompilerOutput:
 
 
 def run_compiler(command: Sequence[str], work: Path, limit_s: float) -> CompilerOutput:
-    """Run a command in `work` to its end, or to its limits of time and output."""
+    """Runs a command in `work` until it ends, or exceeds its limits of time or output."""
     if os.name != "posix":
         return _run_elsewhere(command, work, limit_s)
     led = ("/bin/sh", "-c", GROUP, "sh", *command)
@@ -90,10 +90,10 @@ def run_compiler(command: Sequence[str], work: Path, limit_s: float) -> Compiler
     )
     _running.add(process.pid)
     try:
-        output, why = _read(process, time.monotonic() + limit_s, limit_s)
+        output, why = _read_output(process, time.monotonic() + limit_s, limit_s)
         code = None if why else process.wait()
     finally:
-        _end(process.pid)
+        _kill_group(process.pid)
         _running.discard(process.pid)
         for stream in (process.stdin, process.stdout):
             assert stream is not None
@@ -107,18 +107,18 @@ _running: set[int] = set()
 
 
 def end_compilers() -> None:
-    """End all compilers that run, when the user interrupts."""
+    """Kills all compilers that run, when the user interrupts."""
     for group in tuple(_running):
-        _end(group)
+        _kill_group(group)
 
 
-def _end(group: int) -> None:
+def _kill_group(group: int) -> None:
     with suppress(ProcessLookupError, PermissionError):
         os.killpg(group, signal.SIGKILL)
 
 
-def _read(process: subprocess.Popen[bytes], end: float, limit_s: float) -> tuple[bytes, str]:
-    """Its output, and why it was not read to the end; "" where it was."""
+def _read_output(process: subprocess.Popen[bytes], end: float, limit_s: float) -> tuple[bytes, str]:
+    """The process's output, and why reading stopped before its end; "" if it did not."""
     assert process.stdout is not None
     output, source = bytearray(), process.stdout.fileno()
     while (left := end - time.monotonic()) > 0:
@@ -134,7 +134,7 @@ def _read(process: subprocess.Popen[bytes], end: float, limit_s: float) -> tuple
 
 
 def _run_elsewhere(command: Sequence[str], work: Path, limit_s: float) -> CompilerOutput:
-    """Run a command with a limit of time alone, where there are no process groups."""
+    """Runs a command with a limit of time only, on systems without process groups."""
     try:
         done = subprocess.run(command, capture_output=True, check=False, timeout=limit_s, cwd=work)
     except subprocess.TimeoutExpired:
@@ -149,8 +149,8 @@ FAST = ("-fno-trapping-math",)
 """No floating-point flags of the processor are read, so clang may compute both ways of a choice."""
 
 
-def of_processor(cpuinfo: str) -> tuple[str, ...]:
-    """The flags that all cores support according to Linux's text about the processor."""
+def processor_flags(cpuinfo: str) -> tuple[str, ...]:
+    """The vector flags that all cores support, by the text of /proc/cpuinfo."""
     cores = [line.split() for line in cpuinfo.splitlines() if line.startswith("flags")]
     for flags in VECTORS:
         if cores and all(flag.removeprefix("-m") in core for flag in flags for core in cores):
@@ -160,10 +160,10 @@ def of_processor(cpuinfo: str) -> tuple[str, ...]:
 
 @cache
 def vector_flags() -> tuple[str, ...]:
-    """Flags for the vectors of this machine; () where it has none, or that is not known."""
+    """The compiler flags for this machine's vectors; () if it has none, or none is known."""
     if platform.machine() not in {"x86_64", "AMD64"} or not CPU.exists():
         return ()
-    return of_processor(CPU.read_text(encoding="utf-8", errors="replace"))
+    return processor_flags(CPU.read_text(encoding="utf-8", errors="replace"))
 
 
 CANDIDATES = ("cc", "gcc", "clang")
@@ -200,7 +200,7 @@ class Compiler:
     """The words of $SOTER_CC after its first one."""
 
 
-def _identity(command: tuple[str, ...]) -> str | None:
+def _compiler_identity(command: tuple[str, ...]) -> str | None:
     path = shutil.which(command[0])
     if path is None:
         return None
@@ -212,7 +212,7 @@ def _identity(command: tuple[str, ...]) -> str | None:
     return hashlib.sha256(" ".join(map(str, parts)).encode()).hexdigest()
 
 
-def _zig() -> Compiler | None:
+def _zig_compiler() -> Compiler | None:
     if importlib.util.find_spec("ziglang") is None:
         return None
     version = subprocess.run(
@@ -222,19 +222,19 @@ def _zig() -> Compiler | None:
 
 
 @lru_cache(maxsize=1)
-def find() -> Compiler:
-    """The compiler to use: $SOTER_CC, else the system's, else zig; SoterError X005 if none."""
+def find_compiler() -> Compiler:
+    """The compiler: $SOTER_CC, else the system's, else zig; SoterError X005 if there is none."""
     chosen = os.environ.get("SOTER_CC", "").split()
     if chosen == ["zig"]:
-        zig = _zig()
+        zig = _zig_compiler()
         if zig is not None:
             return zig
         chosen = []
     for command in (tuple(chosen),) if chosen else tuple((x,) for x in CANDIDATES):
-        identity = _identity(command)
+        identity = _compiler_identity(command)
         if identity is not None:
             return Compiler(command, identity, command[1:])
-    zig = None if chosen else _zig()
+    zig = None if chosen else _zig_compiler()
     if zig is not None:
         return zig
     tried = f"`{' '.join(chosen)}` (from SOTER_CC)" if chosen else "`cc`, `gcc` or `clang`"
@@ -253,15 +253,15 @@ def find() -> Compiler:
     )
 
 
-def told_version(compiler: Compiler) -> str:
-    """The first line of a compiler's output for its version; its command where there is none."""
+def compiler_version(compiler: Compiler) -> str:
+    """The first line that a compiler prints as its version; its command if it prints none."""
     done = run_compiler((*compiler.command, "--version"), Path.cwd(), TIMEOUT_S)
     lines = done.text.strip().splitlines() if done.code == 0 else []
     return visible(lines[0][:LINE_MAX]) if lines else " ".join(compiler.command)
 
 
 def _require_room(work: Path) -> None:
-    """Raises SoterError D006 where a folder that a compiler writes to takes no 4 MiB."""
+    """Raises SoterError D006 unless the folders that a compiler writes to have 4 MiB free."""
     for folder in (os.environ.get("TMPDIR") or tempfile.gettempdir(), work):
         try:
             with tempfile.TemporaryFile(dir=folder) as file:
@@ -278,7 +278,7 @@ def compile_with(
     helps: tuple[str, ...] = (DEFECT,),
     telling: tuple[str, ...] = (),
 ) -> None:
-    """Run a compiler in `work`; SoterError X004 with its lines, those with `telling` if any."""
+    """Runs a compiler in `work`; SoterError X004 with its lines, those with `telling` if any."""
     with passing_phase("compiling"):
         done = run_compiler(command, work, TIMEOUT_S)
     if done.code == 0:

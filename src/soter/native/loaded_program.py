@@ -11,7 +11,7 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any
 
-from soter.native.c_interface import address, declarations, interface, opened
+from soter.native.c_interface import address, declarations, interface, open_library
 from soter.native.cache import SOTER
 
 if TYPE_CHECKING:
@@ -30,23 +30,23 @@ class RunStatus(IntEnum):
 
 
 def kernel_interface() -> Any:  # noqa: ANN401 - cffi has no types
-    """The cffi interface of `runtime/soter.h`."""
+    """The cffi object with the declarations of `runtime/soter.h`."""
     return interface(declarations(SOTER / "runtime" / "soter.h"))
 
 
 class Library:
-    """One compiled program; holds no state of its own."""
+    """One compiled program, loaded; the caller holds its states."""
 
     def __init__(
         self, path: Path, prefix: str, state_size: int, owners: Mapping[str, str] | None = None
     ) -> None:
         self.ffi = kernel_interface()
-        self.lib = opened(self.ffi, path, owners)
+        self.lib = open_library(self.ffi, path, owners)
         self._program = address(self.ffi, path, f"{prefix}_program", "const soter_program *")
         self.state_size = state_size
 
     def new_state(self, seed: int) -> Bytes:
-        """A fresh state, (state_size,), started."""
+        """A new state, (state_size,), started with this seed."""
         import numpy as np  # noqa: PLC0415 - channels of a robot need none of it
 
         state = np.zeros(self.state_size, dtype=np.uint8)
@@ -59,9 +59,9 @@ class Library:
     def run(
         self, state: Bytes, until_ns: int, trace: Bytes | None = None
     ) -> tuple[RunStatus, int, int]:
-        """Run instants up to `until_ns`; `trace` has shape (room, state_size).
+        """Runs instants up to `until_ns`; `trace` gets their states, (room, state_size).
 
-        Returns the status, how many states were written, and the extern component that is due.
+        Gives the status, how many states were written, and the extern that has to answer.
         """
         room = 0 if trace is None else len(trace)
         target = self.ffi.NULL if trace is None else self._pointer(trace)
@@ -72,18 +72,18 @@ class Library:
         return RunStatus(status), int(written[0]), int(due[0])
 
     def next_instant(self, state: Bytes) -> int:
-        """Time of the next instant in ns; `state` (state_size,)."""
+        """The time of the next instant in ns; `state` (state_size,)."""
         return int(self.lib.soter_next_instant(self._program, self._pointer(state)))
 
     def publish(self, state: Bytes, topic: int, value: bytes, time_ns: int) -> int:
-        """A value from outside, measured at `time_ns`; 0, or why not. `state`: (bytes,)."""
+        """Sets a topic from outside, measured at `time_ns`; 0, or the fault. `state`: (bytes,)."""
         pointer = self.ffi.cast("void *", self.ffi.from_buffer(value))
         return int(
             self.lib.soter_publish(self._program, self._pointer(state), topic, pointer, time_ns)
         )
 
     def answer(self, state: Bytes, component: int, fault: int, answer: bytes | None) -> None:
-        """Give the answer for the extern step that is due; `state` (state_size,)."""
+        """Gives the answer for the extern step that waits for it; `state` (state_size,)."""
         data = self.ffi.NULL if answer is None else self.ffi.from_buffer(answer)
         self.lib.soter_answer(
             self._program, self._pointer(state), component, fault, self.ffi.cast("void *", data)

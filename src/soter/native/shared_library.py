@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from uuid import uuid4
 
-from soter.native.cache import SOTER, cached, computes_names, digest, included
-from soter.native.compiler import DEFECT, STRICT, compile_with, find
+from soter.native.cache import SOTER, cached, computes_names, digest, included_files
+from soter.native.compiler import DEFECT, STRICT, compile_with, find_compiler
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -40,12 +40,12 @@ OWN_SYMBOLS = (
 REPORT = "this is a defect of soter: please report it with your compiler's version"
 
 
-def texts(*sources: str | Path) -> list[str]:
-    """Path and text of C files and of every header that they include, our own ones too.
+def c_texts(*sources: str | Path) -> list[str]:
+    """Path and text of C files and of every header that they include, Soter's included.
 
-    Where a header is not known, a random text is added, so that no key of a cache matches.
+    If a header is not known, a random text is added, so that no key of a cache matches.
     """
-    known = included(*sources, folders=(RUNTIME, NEVER_SHIPPED)).items()
+    known = included_files(*sources, folders=(RUNTIME, NEVER_SHIPPED)).items()
     never = [uuid4().hex] if computes_names([t for _, t in known]) else []
     return never + [x for p, t in known for x in (p.name if p.is_relative_to(SOTER) else str(p), t)]
 
@@ -56,22 +56,22 @@ def library_flags(optimise: str = "-O2") -> tuple[str, ...]:
 
 
 def without_link(flags: Iterable[str]) -> tuple[str, ...]:
-    """These flags without those of the linker, for a compiler that does not link."""
+    """These flags without those for the linker."""
     return tuple(f for f in flags if f != "-shared" and not f.startswith("-Wl,"))
 
 
 def library(
     unit: Unit, optimise: str = "-O2", extra: tuple[str, ...] = (), engine: tuple[Path, ...] = ()
 ) -> Path:
-    """The shared library of a unit, from the cache or freshly compiled.
+    """The shared library of a unit, from the cache or compiled now.
 
     `engine`: files that are needed besides the kernel, headers included.
     """
-    compiler = find()
+    compiler = find_compiler()
     flags = (*library_flags(optimise), *extra)
     kernel = (*(RUNTIME / name for name in KERNEL), CHECK_FAILED)
     parts = [unit.header, unit.source, compiler.identity, *flags]
-    parts += texts(*kernel, RUNTIME / FAULTS, *engine, *unit.c_sources)
+    parts += c_texts(*kernel, RUNTIME / FAULTS, *engine, *unit.c_sources)
     parts += library_flags() if unit.c_sources else ()
 
     def make(work: Path) -> None:
@@ -88,10 +88,10 @@ def library(
 
 
 def objects(sources: tuple[Path, ...], flags: tuple[str, ...]) -> tuple[Path, ...]:
-    """The compiled objects of C files of Soter, which many programs are linked with."""
-    compiler = find()
+    """The compiled objects of C files of Soter, with which many programs are linked."""
+    compiler = find_compiler()
     names = tuple(f"{s.stem}.o" for s in sources)
-    content = digest((compiler.identity, *flags, *texts(*sources)))
+    content = digest((compiler.identity, *flags, *c_texts(*sources)))
 
     def make(work: Path) -> None:
         for source, name in zip(sources, names, strict=True):  # zig makes only the first of several
@@ -103,7 +103,7 @@ def objects(sources: tuple[Path, ...], flags: tuple[str, ...]) -> tuple[Path, ..
 
 
 def checked_extern(work: Path, number: int, source: str, prefix: str) -> str:
-    """The file with an extern's C and then the header, so that a wrong signature is an error.
+    """A file that has an extern's C and then the header, so that a wrong signature is an error.
 
     The header comes last, so that the C can ask for features of the system before any header.
     """
@@ -124,29 +124,29 @@ def _helps(unit: Unit) -> tuple[str, ...]:
 
 
 def include_flags(*files: Path) -> tuple[str, ...]:
-    """Flags that find headers: beside these files, in the run-time, in `native/c/`."""
+    """The flags by which headers are found: beside these files, in the run-time, in `native/c/`."""
     folders = dict.fromkeys((*(f.parent for f in files), RUNTIME, NEVER_SHIPPED))
     return tuple(f"-I{folder}" for folder in folders)
 
 
 def compile_in(work: Path, unit: Unit, flags: tuple[str, ...], runtime: tuple[str, ...]) -> Path:
-    """Write the unit into `work` and compile it there; X004 with the compiler's words.
+    """Compiles a unit in the folder `work`; X004 with the compiler's lines.
 
-    C of externs gets the same flags always, not `flags`, as it may test for them (`__AVX2__`): so
-    it is the same C in runs, campaigns and where its objects are examined.
-
-    `runtime`: sources or objects of the kernel and of what else is needed. The user's C comes
-    first: a mistake in it is reported before a large program is compiled for minutes.
+    C of externs always gets the same flags, not `flags`, as it may test for them (`__AVX2__`): so
+    it is the same C in runs, campaigns and where its objects are examined. It comes first, as a
+    mistake in it is then reported before a large program is compiled for minutes. `runtime`:
+    sources or objects of the kernel and of what else is needed.
     """
     (work / f"{unit.prefix}.h").write_text(unit.header, encoding="utf-8")
     source = work / f"{unit.prefix}.c"
     source.write_text(unit.source, encoding="utf-8")
     built = work / LIBRARY
-    compiler = [*find().command, *flags, f"-I{RUNTIME}", f"-I{work}"]
+    found = find_compiler().command
+    compiler = [*found, *flags, f"-I{RUNTIME}", f"-I{work}"]
     message = "the C of this program does not compile"
     helps = _helps(unit) if unit.c_sources else (DEFECT,)
     externs = [checked_extern(work, i, s, unit.prefix) for i, s in enumerate(unit.c_sources)]
-    words = [*find().command, *without_link(library_flags()), *include_flags(), f"-I{work}"]
+    words = [*found, *without_link(library_flags()), *include_flags(), f"-I{work}"]
     for i, extern in enumerate(externs):
         if extern.endswith(".c"):
             externs[i] = f"{work / f'extern_{i + 1}.o'}"

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.current_phase import passing_phase
 from soter.diagnostics.diagnostic import SoterError
 from soter.native.cache import cached, digest
-from soter.native.compiler import STRICT, TIMEOUT_S, Compiler, find, run_compiler
+from soter.native.compiler import STRICT, TIMEOUT_S, Compiler, find_compiler, run_compiler
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -51,7 +51,7 @@ TAIL = frozenset({"jmp", "jmpq", "b", "br"})
 
 @dataclass
 class StackGraph:
-    """The call graph; a function is `file:name`, or `name` where it is visible to all files."""
+    """Frames and calls; a function is `file:name`, or `name` if all files can call it."""
 
     frames: dict[str, int] = field(default_factory=dict)
     calls: dict[str, set[str]] = field(default_factory=dict)
@@ -72,7 +72,7 @@ class StackBound:
     why: str = ""
 
 
-def stack_of(
+def stack_bound(
     files: Mapping[str, str],
     entries: str,
     left_out: Iterable[str] = (),
@@ -84,7 +84,7 @@ def stack_of(
     `cross`: a compiler for another processor, with its flags.
     """
     try:
-        compiler = cross or find()
+        compiler = cross or find_compiler()
     except SoterError as error:
         return StackBound(None, why=error.diagnostics[0].message)
     flags = (*STRICT, *(cross.flags if cross is not None else (OPTIMISE,)))
@@ -96,7 +96,7 @@ def stack_of(
 
     def make(work: Path) -> None:
         with passing_phase("compiling the package: how much stack it needs"):
-            stack = _measured(work, list(compiler.command), flags, files, entries, left, below)
+            stack = _measure_stack(work, list(compiler.command), flags, files, entries, left, below)
         (work / FOUND).write_text(json.dumps(vars(stack)), encoding="utf-8")
 
     stored = json.loads(
@@ -106,7 +106,7 @@ def stack_of(
     return StackBound(stored["bytes"], stored["compiler"], way, rest, stored["why"])
 
 
-def _measured(
+def _measure_stack(
     work: Path,
     command: list[str],
     flags: Sequence[str],
@@ -122,28 +122,28 @@ def _measured(
     first_line = (version.splitlines() or [""])[0]
     graph: StackGraph | None = None
 
-    def done(*words: str) -> bool:
+    def compiles(*words: str) -> bool:
         return run_compiler([*command, *flags, *words, *sources], work, TIMEOUT_S).code == 0
 
-    if done("-fcallgraph-info=su", "-c"):
-        graph = _of_gcc(work)
+    if compiles("-fcallgraph-info=su", "-c"):
+        graph = _read_gcc_graph(work)
     elif READABLE.search(version) is None:
         pass
-    elif done("-fstack-usage", "-S"):
-        graph = _of_clang(work)
+    elif compiles("-fstack-usage", "-S"):
+        graph = _read_clang_graph(work)
     for path in work.iterdir():
         path.unlink()
     if graph is None or not graph.frames:
         return StackBound(None, first_line, why=SILENT)
     pointed = {name for text in files.values() for _, name in TABLE.findall(text)}
-    return _bound(graph, first_line, entries, pointed - {"NULL", *left_out}, below)
+    return _bound_stack(graph, first_line, entries, pointed - {"NULL", *left_out}, below)
 
 
 # ---------------------------------------------------------------- what compilers say
 
 
-def _of_gcc(work: Path) -> StackGraph:
-    """Nodes and edges of every `.ci` file; a frame of gcc has the return address in it."""
+def _read_gcc_graph(work: Path) -> StackGraph:
+    """The graph in gcc's `.ci` files, whose frames include the return address."""
     graph = StackGraph()
     for path in sorted(work.glob("*.ci")):
         for line in path.read_text(encoding="utf-8").splitlines():
@@ -160,8 +160,8 @@ def _of_gcc(work: Path) -> StackGraph:
     return graph
 
 
-def _of_clang(work: Path) -> StackGraph:
-    """Frames of every `.su` file, calls of every `.s` file."""
+def _read_clang_graph(work: Path) -> StackGraph:
+    """The graph in clang's `.su` files (frames) and `.s` files (calls)."""
     graph = StackGraph()
     for path in sorted(work.glob("*.su")):
         file_name = path.with_suffix(".c").name
@@ -181,7 +181,7 @@ def _of_clang(work: Path) -> StackGraph:
 
 
 def _calls(assembly: str, functions: set[str]) -> Iterable[tuple[str, str]]:
-    """Who calls whom; a jump through a register beside a jump table is one of a `switch`."""
+    """Yields who calls whom; a jump through a register beside a jump table is one of a `switch`."""
     parts: dict[str, list[str]] = {}
     now = ""
     for line in assembly.splitlines():
@@ -208,15 +208,15 @@ def _calls(assembly: str, functions: set[str]) -> Iterable[tuple[str, str]]:
 
 
 class _EndlessError(Exception):
-    """A circle of calls, or a frame without a bound."""
+    """Calls run in a circle, or a frame has no bound."""
 
 
-def _bound(
+def _bound_stack(
     graph: StackGraph, compiler: str, entries: str, pointed: set[str], below: int
 ) -> StackBound:
     by_name: dict[str, list[str]] = {}
     for title in graph.frames:
-        by_name.setdefault(_plain(title), []).append(title)
+        by_name.setdefault(_plain_name(title), []).append(title)
     graph.calls[INDIRECT] = {t for name in pointed for t in by_name.get(name, [])}
     known: dict[str, tuple[int, tuple[str, ...]]] = {}
     outside: set[str] = set()
@@ -231,10 +231,10 @@ def _bound(
             outside.update({title} - QUIET)
             return 0, ()
         if title in graph.unbounded:
-            raise _EndlessError(f"the frame of `{_plain(title)}` depends on data")
+            raise _EndlessError(f"the frame of `{_plain_name(title)}` depends on data")
         below = [deepest(t, (*above, title)) for t in sorted(graph.calls.get(title, ()))]
         most, way = max(below, default=(0, ()), key=lambda x: x[0])
-        here = () if title == INDIRECT else (_plain(title),)
+        here = () if title == INDIRECT else (_plain_name(title),)
         known[title] = most + graph.frames.get(title, 0), (*here, *way)
         return known[title]
 
@@ -248,6 +248,6 @@ def _bound(
     return StackBound(size + below, compiler, way, tuple(sorted(outside)))
 
 
-def _plain(title: str) -> str:
-    """`file.c:name.isra.0` without the file and what the compiler added."""
+def _plain_name(title: str) -> str:
+    """The name in `file.c:name.isra.0`: without the file, and what the compiler has added."""
     return title.rpartition(":")[2].partition(".")[0]

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.codes import explain as page_of
-from soter.diagnostics.codes import named, suggestions
+from soter.diagnostics.codes import known_code, suggestions
 from soter.diagnostics.diagnostic import Diagnostics, SoterError, Source, mistake
 from soter.diagnostics.render import render_all, to_json
 from soter.diagram.svg import picture
@@ -57,20 +57,20 @@ class Signal:
     index: int
     path: tuple[int, ...]
 
-    def of(self, c: Configuration) -> float:
-        """Its value."""
+    def value_in(self, c: Configuration) -> float:
+        """The value of the signal in a configuration."""
         value = c.L[self.index] if self.plant else c.Topics[self.index]
         for i in self.path:
             value = value[i]
         return float(value)
 
     def about(self) -> dict[str, object]:
-        """The signal as the page reads it."""
+        """The signal's name and unit, for the page."""
         return {"name": self.name, "unit": self.unit}
 
 
-def signals_of(system: System) -> list[Signal]:
-    """True states first, then topics; at most `SIGNALS_MAX`."""
+def system_signals(system: System) -> list[Signal]:
+    """The signals of a system: true states first, then topics; at most `SIGNALS_MAX`."""
     signals: list[Signal] = []
     for c in system.components:
         if c.plant is not None:
@@ -87,7 +87,7 @@ def signals_of(system: System) -> list[Signal]:
 def _numbers(
     name: str, t: Type, path: tuple[int, ...] = ()
 ) -> Iterator[tuple[str, str, tuple[int, ...]]]:
-    """Names, units and places of the numbers of a type; long arrays and lists are left out."""
+    """Yields name, unit and path of each number of a type; long arrays and lists are left out."""
     if isinstance(t, (FloatType, IntType)):
         yield name, t.unit, path
     elif isinstance(t, BoolType):
@@ -109,7 +109,7 @@ CLOCK_EVERY = 16
 
 
 def check(path: str, text: str) -> str:
-    """Whether a program is well-formed, diagnostics, its systems and the default one's picture."""
+    """As JSON: whether a program is well-formed, its diagnostics, systems, and default picture."""
     checked = check_file(path, text)
     reply: dict[str, object] = {
         "ok": checked.ok,
@@ -118,12 +118,12 @@ def check(path: str, text: str) -> str:
         "systems": list(checked.systems) if checked.ok else [],
     }
     if checked.ok:
-        reply |= _shown(checked)
+        reply |= _default_picture(checked)
     return json.dumps(reply)
 
 
-def _shown(checked: CheckResult) -> dict[str, object]:
-    """The picture of the system that runs when none is named, or else of the first system."""
+def _default_picture(checked: CheckResult) -> dict[str, object]:
+    """The picture of the default system, or else of the first one."""
     symbol = checked.default_system()
     name = symbol.name if symbol is not None else next(iter(checked.systems), None)
     if name is None:
@@ -132,7 +132,7 @@ def _shown(checked: CheckResult) -> dict[str, object]:
 
 
 def layout(path: str, text: str) -> str:
-    """The text well laid out; as it was, with diagnostics, where it does not parse."""
+    """As JSON: the program well laid out; unchanged, with diagnostics, if it does not parse."""
     diagnostics = Diagnostics()
     done = format_source(Source(path, text), diagnostics)
     shown = render_all(diagnostics.items)
@@ -142,14 +142,14 @@ def layout(path: str, text: str) -> str:
 
 
 def explain(code: str) -> str:
-    """The page of a diagnostic code."""
+    """As JSON: the page of a diagnostic code."""
     page = page_of(code)
     near = suggestions(code)
     if page is None:
         page = f"There is no code `{code[:40]}`." + (
             f" Did you mean {', '.join(near)}?" if near else ""
         )
-    return json.dumps({"code": named(code), "page": page})
+    return json.dumps({"code": known_code(code), "page": page})
 
 
 class PlaygroundSession:
@@ -164,9 +164,9 @@ class PlaygroundSession:
         try:
             self.interpreter = Interpreter(self.system, seed)
         except UnboundExternError as error:
-            raise unanswered(error) from error
+            raise unanswered_error(error) from error
         self.until_ns = self.system.until_ns or UNTIL_NS
-        self.signals = signals_of(self.system)
+        self.signals = system_signals(self.system)
         self.limits = signal_limits(self.system)
         self._configuration = self.interpreter.initial()
         self._record = self.interpreter.record()
@@ -176,7 +176,7 @@ class PlaygroundSession:
         self._told = [False] * len(self._record.properties)
 
     def about(self) -> str:
-        """What the page is going to draw."""
+        """As JSON: what the page is going to draw."""
         notes = [
             f"{m.name} leaves `ttf` or `safer` to be computed, which needs a compiler: AC never "
             "gets control here"
@@ -208,7 +208,7 @@ class PlaygroundSession:
         )
 
     def advance(self, budget_s: float) -> str:
-        """Go on for about this long by the clock: samples, changes of mode, violations."""
+        """Runs for about `budget_s` seconds; as JSON: samples, changes of mode, violations."""
         deadline = time.perf_counter() + budget_s
         rows: list[list[object]] = []
         events: list[dict[str, object]] = []
@@ -217,14 +217,14 @@ class PlaygroundSession:
             if next_instant(machine, self._configuration) > self.until_ns:
                 done = True
                 if self._sampled_ns != self._configuration.ct:
-                    rows.append(self._row())
+                    rows.append(self._sample_row())
                 break
             self._configuration = self.interpreter.instant(self._configuration, record=self._record)
-            changed = self._changes(events)
+            changed = self._note_changes(events)
             now = self._configuration.ct
             if changed or now >= self._sampled_ns + self._step_ns:
                 self._sampled_ns = now
-                rows.append(self._row())
+                rows.append(self._sample_row())
             count += 1
             if count % CLOCK_EVERY == 0 and time.perf_counter() >= deadline:
                 break
@@ -238,15 +238,15 @@ class PlaygroundSession:
             }
         )
 
-    def _row(self) -> list[object]:
-        """A row of the table of samples: time, modes, signals."""
+    def _sample_row(self) -> list[object]:
+        """A row of samples: the time, the modes, the signals."""
         c = self._configuration
-        values = [s.of(c) for s in self.signals]
+        values = [s.value_in(c) for s in self.signals]
         finite = [v if math.isfinite(v) else None for v in values]
         return [c.ct / 1e9, [int(m == AC) for m in self._modes], finite]
 
-    def _changes(self, events: list[dict[str, object]]) -> bool:
-        """Note changes of mode and new violations; whether a mode changed."""
+    def _note_changes(self, events: list[dict[str, object]]) -> bool:
+        """Adds mode changes and new violations to `events`; whether a mode changed."""
         now = [m.mode for m in self._record.modules]
         time_s = self._configuration.ct / 1e9
         changed = now != self._modes
@@ -274,14 +274,14 @@ class PlaygroundSession:
 
 
 def start(path: str, text: str, system: str = "", seed: int = 1) -> PlaygroundSession | str:
-    """A session, or the diagnostics that prevent it, as text."""
+    """A session, or the text of the diagnostics that prevent it."""
     try:
         return PlaygroundSession(path, text, system, seed)
     except SoterError as error:
         return render_all(error.diagnostics)
 
 
-def unanswered(error: UnboundExternError) -> SoterError:
-    """The error of a program with externs, whose code is not in the page."""
+def unanswered_error(error: UnboundExternError) -> SoterError:
+    """The error X001 for a program with externs, whose code is not in the page."""
     note = "externs in Python and C run on your machine: `pip install`, then `soter run`"
     return mistake("X001", str(error), notes=(note,))

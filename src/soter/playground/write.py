@@ -41,8 +41,8 @@ CLOCK = (1980, 1, 1, 0, 0, 0)
 """The time of all files in archives, so that the same sources give the same page."""
 
 
-def page(runtime: Mapping[str, bytes], examples: Mapping[str, str], links: str = "") -> str:
-    """The page. `runtime`: the files of Pyodide by name; `examples`: texts by path below examples.
+def page_text(runtime: Mapping[str, bytes], examples: Mapping[str, str], links: str = "") -> str:
+    """The HTML; `runtime`: Pyodide's files by name; `examples`: programs by path.
 
     `links`: HTML below the title, such as the way to the docs.
     """
@@ -51,30 +51,30 @@ def page(runtime: Mapping[str, bytes], examples: Mapping[str, str], links: str =
         "stdlib": runtime["python_stdlib.zip"],
         "asm": runtime["pyodide.asm.mjs"],
         "pyodide": runtime["pyodide.mjs"],
-        "lock": _lock(runtime["pyodide-lock.json"]),
-        "soter": archive(examples),
+        "lock": _lock_without_packages(runtime["pyodide-lock.json"]),
+        "soter": soter_archive(examples),
     }
     parts = "\n".join(
-        f'<script type="text/plain" id="packed-{name}">{_text(data)}</script>'
+        f'<script type="text/plain" id="packed-{name}">{_packed_text(data)}</script>'
         for name, data in packed.items()
     )
     return (
-        _asset("playground.html")
+        _asset_text("playground.html")
         .replace("{policy}", POLICY)
-        .replace("{style}", _asset("playground.css"))
+        .replace("{style}", _asset_text("playground.css"))
         .replace("{links}", links)
         .replace("{packed}", parts)
         .replace("{examples}", json.dumps(sorted(examples)).replace("<", "\\u003c"))
-        .replace("{script}", _asset("playground.js"))
+        .replace("{script}", _asset_text("playground.js"))
     )
 
 
-def archive(examples: Mapping[str, str]) -> bytes:
+def soter_archive(examples: Mapping[str, str]) -> bytes:
     """Soter and the examples as a zip file: `soter/...` and `examples/...`."""
     root = Path(str(resources.files("soter")))
     made = io.BytesIO()
     with zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as zipped:
-        for path in sorted([root / "__init__.py", root / "version.py", *_files(root)]):
+        for path in sorted([root / "__init__.py", root / "version.py", *_packed_files(root)]):
             name = f"soter/{path.relative_to(root).as_posix()}"
             zipped.writestr(zipfile.ZipInfo(name, CLOCK), path.read_bytes())
         for name, text in sorted(examples.items()):
@@ -82,7 +82,7 @@ def archive(examples: Mapping[str, str]) -> bytes:
     return made.getvalue()
 
 
-def _files(root: Path) -> list[Path]:
+def _packed_files(root: Path) -> list[Path]:
     paths = []
     for room in ROOMS:
         only = ONLY.get(room)
@@ -91,16 +91,16 @@ def _files(root: Path) -> list[Path]:
     return paths
 
 
-def _lock(text: bytes) -> bytes:
-    """Pyodide's lock file without packages, of which the page has none."""
+def _lock_without_packages(text: bytes) -> bytes:
+    """Pyodide's lock file without packages, as the page has none."""
     return json.dumps({**json.loads(text), "packages": {}}).encode()
 
 
-def _text(data: bytes) -> str:
+def _packed_text(data: bytes) -> str:
     return base64.b64encode(gzip.compress(data, mtime=0)).decode("ascii")
 
 
-def _asset(name: str) -> str:
+def _asset_text(name: str) -> str:
     return (resources.files("soter.playground") / "assets" / name).read_text(encoding="utf-8")
 
 
@@ -112,12 +112,12 @@ FETCH_S = 300.0
 
 
 def runtime_files(source: str | Path | None = None) -> dict[str, bytes]:
-    """The files by name; `source`: a folder with them, or a file as `npm pack pyodide` makes it.
+    """Pyodide's files by name; `source`: their folder, or a file that `npm pack pyodide` makes.
 
-    Without it npm is asked. SoterError D007 where there is none, D006 where files are missing.
+    Without it npm is asked. SoterError D007 if there is no npm, D006 if files are missing.
     """
     if source is not None:
-        return _folder(Path(source)) if Path(source).is_dir() else _package(Path(source))
+        return _from_folder(Path(source)) if Path(source).is_dir() else _from_package(Path(source))
     npm = shutil.which("npm")
     if npm is None:
         raise mistake(
@@ -140,16 +140,16 @@ def runtime_files(source: str | Path | None = None) -> dict[str, bytes]:
             lines = done.stderr.strip().splitlines() or ["npm said nothing"]
             message = f"npm could not fetch `pyodide@{VERSION}`: {lines[-1]}"
             raise mistake("D007", message, "give the package yourself: --pyodide pyodide.tgz")
-        return _package(packages[0])
+        return _from_package(packages[0])
 
 
-def _folder(folder: Path) -> dict[str, bytes]:
+def _from_folder(folder: Path) -> dict[str, bytes]:
     if missing := [name for name in FILES if not (folder / name).is_file()]:
         raise mistake("D006", f"`{folder}` is no Pyodide: there is no {', '.join(missing)}")
     return {name: (folder / name).read_bytes() for name in FILES}
 
 
-def _package(path: Path) -> dict[str, bytes]:
+def _from_package(path: Path) -> dict[str, bytes]:
     content_by_name: dict[str, bytes] = {}
     try:
         with tarfile.open(path) as packed:
@@ -171,7 +171,7 @@ def write_playground(
     examples: str | Path | None = None,
     links: str = "",
 ) -> Path:
-    """Write the page and return its path; SoterError D006, D007.
+    """Writes the page and returns its path; SoterError D006, D007.
 
     `pyodide`: see `runtime_files`; `examples`: a folder whose `*.soter` files are offered; `links`:
     HTML below the title.
@@ -179,11 +179,11 @@ def write_playground(
     offered = examples_in(Path(examples)) if examples is not None else own_examples()
     if not offered:
         raise mistake("D006", f"there is no `*.soter` below `{examples}`")
-    return write_text(page(runtime_files(pyodide), offered, links), Path(folder) / FILE)
+    return write_text(page_text(runtime_files(pyodide), offered, links), Path(folder) / FILE)
 
 
 def examples_in(folder: Path) -> dict[str, str]:
-    """Programs below a folder, by path; SoterError D006 where one cannot be read."""
+    """The programs below a folder, by path; SoterError D006 if one cannot be read."""
     try:
         return {
             p.relative_to(folder).as_posix(): p.read_text(encoding="utf-8")

@@ -58,37 +58,37 @@ COLUMNS = 12
 def c_source(
     policy: Policy, function: str, name: str, header: str, reads: Shapes, writes: Shapes
 ) -> str:
-    """The text of the file.
+    """The C of a policy that answers an extern node.
 
     `function`: the name of the C function. `name`: what the C names of the node begin with
-    (`rush_Learned`); `header`: that of its program. `reads`, `writes`: topics in the order in which
-    the policy has their numbers. SoterError X014 where the policy has other numbers.
+    (`rush_Learned`); `header`: that of its program. `reads`, `writes`: topics in the order of the
+    policy's numbers. SoterError X014 if the policy has another count of them.
     """
     network = policy.network
-    places = [place for n, t in reads for place, _ in _places(f"in->{_member(n)}", t)]
+    places = [place for n, t in reads for place, _ in _number_places(f"in->{_member_name(n)}", t)]
     lines = [f'#include "{header}"', "#include <math.h>", "#include <string.h>", ""]
     lines += [f"int {function}(const {name}_in *in, {name}_out *out);", ""]
     rows = frame_rows(policy.path, policy.shapes.get("", ()), network.inputs, reads)
     body = _observation_code(policy, places, rows)
     size, at = network.inputs, "x0"
     for number, layer in enumerate(network.layers, 1):
-        constants, steps = _layer(layer, number, size, at)
+        constants, steps = _layer_code(layer, number, size, at)
         lines += constants
         body += steps
-        size, at = _size(layer, size), f"x{number}"
+        size, at = _output_count(layer, size), f"x{number}"
     body += _answer_code(policy, writes, size, at)
-    statics = list(_statics(policy, len(places)))
+    statics = list(_static_variables(policy, len(places)))
     head = f"int {function}(const {name}_in *in, {name}_out *out) {{"
     return "\n".join([*lines, *statics, head, *(f"  {line}" for line in body), "}"]) + "\n"
 
 
-def _member(name: str) -> str:
+def _member_name(name: str) -> str:
     """The C name of a member, or of a member's member: `pose`, `pose.x`."""
     return ".".join(field_name(part) for part in name.split("."))
 
 
-def _statics(policy: Policy, frame: int) -> Iterator[str]:
-    """The static variables, which last from step to step."""
+def _static_variables(policy: Policy, frame: int) -> Iterator[str]:
+    """Yields the declarations of variables that last from step to step."""
     if policy.network.inputs > frame:
         yield f"static float x0[{policy.network.inputs}];"
     for number, layer in enumerate(policy.network.layers, 1):
@@ -98,7 +98,7 @@ def _statics(policy: Policy, frame: int) -> Iterator[str]:
 
 
 def _observation_code(policy: Policy, sources: Sequence[str], rows: int) -> list[str]:
-    """Statements that make the observation: older frames move down, a new one is read."""
+    """The C that makes the observation: older frames move down, a new one is read."""
     inputs, frame, row = policy.network.inputs, len(sources), len(sources) // rows
     places = np.arange(inputs).reshape(rows, -1)[:, -row:].ravel().tolist()
     lines = [f"float x0[{inputs}];"]
@@ -106,30 +106,30 @@ def _observation_code(policy: Policy, sources: Sequence[str], rows: int) -> list
         lines = [f"memmove(x0, x0 + {row}, {inputs - row} * sizeof x0[0]);"]
     lines += [f"x0[{k}] = (float){place};" for k, place in zip(places, sources, strict=True)]
     if (scale := policy.per_frame) is not None:
-        lines += [*_table("MEAN", scale.mean), *_table("DEVIATION", scale.deviation)]
-        lines += _table("LIMIT", scale.limit)
+        lines += [*_c_table("MEAN", scale.mean), *_c_table("DEVIATION", scale.deviation)]
+        lines += _c_table("LIMIT", scale.limit)
         at = f"x0[i / {row} * {inputs // rows} + {inputs // rows - row} + i % {row}]"
         clipped = f"fmin(fmax(({at} - MEAN[i]) / DEVIATION[i], -LIMIT[i]), LIMIT[i])"
         lines.append(f"for (int i = 0; i < {frame}; i++) {at} = (float)({clipped});")
     return lines
 
 
-def _size(layer: Layer, size: int) -> int:
+def _output_count(layer: Layer, size: int) -> int:
     if isinstance(layer, (OneHot, Lstm)):
         return layer.outputs
     return len(layer.bias) if isinstance(layer, Affine) else size
 
 
-def _layer(layer: Layer, number: int, size: int, at: str) -> tuple[list[str], list[str]]:
-    """Constants and statements: `x{number}` is made of `at`, which has `size` numbers."""
+def _layer_code(layer: Layer, number: int, size: int, at: str) -> tuple[list[str], list[str]]:
+    """Constants and statements that make `x{number}` of `at`, which has `size` numbers."""
     here, name = f"x{number}", f"L{number}"
     if isinstance(layer, Lstm):
-        return _memory(layer, number, size, at)
+        return _lstm_code(layer, number, size, at)
     if isinstance(layer, OneHot):
-        return [], [f"float {here}[{layer.outputs}];", *_one_hot(layer, here, at)]
+        return [], [f"float {here}[{layer.outputs}];", *_one_hot_code(layer, here, at)]
     if isinstance(layer, Affine):
         rows = len(layer.bias)
-        constants = [*_table(f"{name}_W", layer.weight), *_table(f"{name}_B", layer.bias)]
+        constants = [*_c_table(f"{name}_W", layer.weight), *_c_table(f"{name}_B", layer.bias)]
         return constants, [
             f"float {here}[{rows}];",
             f"for (int i = 0; i < {rows}; i++) {{",
@@ -138,7 +138,7 @@ def _layer(layer: Layer, number: int, size: int, at: str) -> tuple[list[str], li
             f"  {here}[i] = (float)sum;",
             "}",
         ]
-    constants, value = _elementwise(layer, name)
+    constants, value = _elementwise_code(layer, name)
     return constants, [
         f"float {here}[{size}];",
         f"for (int i = 0; i < {size}; i++) {{",
@@ -148,24 +148,25 @@ def _layer(layer: Layer, number: int, size: int, at: str) -> tuple[list[str], li
     ]
 
 
-def _elementwise(layer: Layer, prefix: str) -> tuple[list[str], str]:
-    """Constants, and the C expression of the layer's result for a number `x`."""
+def _elementwise_code(layer: Layer, prefix: str) -> tuple[list[str], str]:
+    """Constants, and the C expression of the layer's result for one number `x`."""
     if isinstance(layer, Standardised):
         parts = {"MEAN": layer.mean, "DEVIATION": layer.deviation, "LIMIT": layer.limit}
-        constants = [line for n, a in parts.items() for line in _table(f"{prefix}_{n}", a)]
+        constants = [line for n, a in parts.items() for line in _c_table(f"{prefix}_{n}", a)]
         scaled = f"(x - {prefix}_MEAN[i]) / {prefix}_DEVIATION[i]"
         return constants, f"fmin(fmax({scaled}, -{prefix}_LIMIT[i]), {prefix}_LIMIT[i])"
     if isinstance(layer, Elementwise):
-        return _table(f"{prefix}_BY", layer.operand), f"x {layer.operation} (double){prefix}_BY[i]"
+        value = f"x {layer.operation} (double){prefix}_BY[i]"
+        return _c_table(f"{prefix}_BY", layer.operand), value
     if isinstance(layer, Clipped):
-        constants = [*_table(f"{prefix}_LOW", layer.low), *_table(f"{prefix}_HIGH", layer.high)]
+        constants = [*_c_table(f"{prefix}_LOW", layer.low), *_c_table(f"{prefix}_HIGH", layer.high)]
         return constants, f"fmin(fmax(x, (double){prefix}_LOW[i]), (double){prefix}_HIGH[i])"
     if isinstance(layer, Activation):
         return [], ACTIVATIONS[layer.name]
     return [], "fmax(x, 0.0)" if isinstance(layer, Relu) else "tanh(x)"
 
 
-def _one_hot(layer: OneHot, here: str, at: str) -> Iterator[str]:
+def _one_hot_code(layer: OneHot, here: str, at: str) -> Iterator[str]:
     yield f"memset({here}, 0, sizeof {here});"
     place = 0
     for k, size in enumerate(layer.sizes):
@@ -178,10 +179,10 @@ def _one_hot(layer: OneHot, here: str, at: str) -> Iterator[str]:
         place += size or 1
 
 
-def _memory(layer: Lstm, number: int, size: int, at: str) -> tuple[list[str], list[str]]:
-    """The C of an LSTM: its gates are made of the input and of the answer before."""
+def _lstm_code(layer: Lstm, number: int, size: int, at: str) -> tuple[list[str], list[str]]:
+    """Constants and statements of an LSTM, whose gates read its input and its last answer."""
     here, prefix, kept, n = f"x{number}", f"L{number}", f"kept{number}", layer.outputs
-    constants = [*_table(f"{prefix}_W", layer.weight), *_table(f"{prefix}_B", layer.bias)]
+    constants = [*_c_table(f"{prefix}_W", layer.weight), *_c_table(f"{prefix}_B", layer.bias)]
     gates = [SIGMOID.replace("x", f"g{number}[{k} * {n} + i]") for k in (0, 1, 3)]
     new = f"tanh(g{number}[2 * {n} + i])"
     return constants, [
@@ -201,9 +202,9 @@ def _memory(layer: Lstm, number: int, size: int, at: str) -> tuple[list[str], li
 
 
 def _answer_code(policy: Policy, writes: Shapes, size: int, at: str) -> Iterator[str]:
-    """Statements that write what is published, number by number."""
+    """Yields the statements that write the node's outputs, number by number."""
     network = policy.network
-    places = [(p, k) for n, t in writes for p, k in _places(f"out->{field_name(n)}", t)]
+    places = [(p, k) for n, t in writes for p, k in _number_places(f"out->{field_name(n)}", t)]
     if len(places) != network.answers:
         why = f"it answers {network.answers} numbers, the node publishes {len(places)}"
         raise bad_policy(policy.path, why)
@@ -231,37 +232,37 @@ def _answer_code(policy: Policy, writes: Shapes, size: int, at: str) -> Iterator
     yield "return 0;"
 
 
-def _places(at: str, t: Type) -> Iterator[tuple[str, Type]]:
-    """The C expression and the type of each number of a value."""
+def _number_places(at: str, t: Type) -> Iterator[tuple[str, Type]]:
+    """Yields the C expression and the type of each number of a value."""
     if isinstance(t, RecordType):
         for field, of in t.fields:
-            yield from _places(f"{at}.{field_name(field)}", of)
+            yield from _number_places(f"{at}.{field_name(field)}", of)
     elif isinstance(t, ArrayType):
         for k in range(t.size):
-            yield from _places(f"{at}.at[{k}]", t.element)
+            yield from _number_places(f"{at}.at[{k}]", t.element)
     else:
         assert isinstance(t, (FloatType, IntType, EnumType, BoolType))
         yield at, t
 
 
-def _number(value: float, *, single: bool) -> str:
-    """A number in C, exact to the last bit."""
+def _c_number(value: float, *, single: bool) -> str:
+    """A number as a C literal, exact to the last bit."""
     if not np.isfinite(value):
         return "-INFINITY" if value < 0.0 else "INFINITY"
     return f"{float(value).hex()}{'f' if single else ''}"
 
 
-def _table(name: str, array: npt.NDArray[np.floating]) -> list[str]:
-    """A constant vector or matrix."""
+def _c_table(name: str, array: npt.NDArray[np.floating]) -> list[str]:
+    """The lines of a constant vector or matrix."""
     single = array.dtype == np.float32
     axes = "".join(f"[{n}]" for n in array.shape)
     lines = [f"static const {'float' if single else 'double'} {name}{axes} = {{"]
     for row in array if array.ndim == 2 else array[None]:
-        inner = list(_wrapped_comment([_number(x, single=single) for x in row.tolist()]))
+        inner = list(_table_lines([_c_number(x, single=single) for x in row.tolist()]))
         lines += ["  {", *inner, "  },"] if array.ndim == 2 else inner
     return [*lines, "};"]
 
 
-def _wrapped_comment(words: Sequence[str]) -> Iterable[str]:
+def _table_lines(words: Sequence[str]) -> Iterable[str]:
     for k in range(0, len(words), COLUMNS):
         yield "    " + " ".join(f"{w}," for w in words[k : k + COLUMNS])

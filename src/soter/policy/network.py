@@ -44,7 +44,7 @@ class OneHot:
 
     @property
     def outputs(self) -> int:
-        """How many numbers it makes."""
+        """How many numbers the layer gives."""
         return sum(size or 1 for size in self.sizes)
 
 
@@ -94,7 +94,7 @@ class Lstm:
 
     @property
     def outputs(self) -> int:
-        """How many numbers it keeps and answers."""
+        """How many numbers the layer keeps and gives."""
         return self.bias.size // 4
 
 
@@ -129,22 +129,22 @@ class Network:
 
     @property
     def outputs(self) -> int:
-        """How many numbers the last layer has."""
-        sizes = [size for layer in self.layers if (size := _gives(layer)) is not None]
+        """How many numbers the last layer gives."""
+        sizes = [size for layer in self.layers if (size := _output_count(layer)) is not None]
         return sizes[-1] if sizes else self.inputs
 
     @property
     def answers(self) -> int:
-        """How many numbers or indices are answered."""
+        """How many numbers or indices the answer has."""
         return len(self.choices) or self.outputs
 
     @property
     def weights(self) -> int:
-        """How many numbers its matrices have."""
+        """How many numbers the matrices have."""
         return sum(x.weight.size for x in self.layers if isinstance(x, (Affine, Lstm)))
 
-    def chosen(self, last: Floats) -> list[float]:
-        """The answer, from the numbers of the last layer (outputs,)."""
+    def choose_answer(self, last: Floats) -> list[float]:
+        """The answer, made of the numbers of the last layer, (outputs,)."""
         if not self.choices:
             numbers: list[float] = last.tolist()
             return numbers
@@ -177,8 +177,8 @@ class Policy:
     acted: tuple[int, ...] = ()
 
 
-def _takes(layer: Layer) -> int | None:
-    """How many numbers a layer is given; None: any."""
+def _input_count(layer: Layer) -> int | None:
+    """How many numbers a layer takes; None: any number of them."""
     if isinstance(layer, OneHot):
         return len(layer.sizes)
     if isinstance(layer, Lstm):
@@ -187,15 +187,15 @@ def _takes(layer: Layer) -> int | None:
     return int(arrays[0].shape[-1]) if arrays else None
 
 
-def _gives(layer: Layer) -> int | None:
-    """How many numbers a layer makes; None: as many as it is given."""
+def _output_count(layer: Layer) -> int | None:
+    """How many numbers a layer gives; None: as many as it takes."""
     if isinstance(layer, Affine):
         return int(layer.weight.shape[0])
-    return layer.outputs if isinstance(layer, (OneHot, Lstm)) else _takes(layer)
+    return layer.outputs if isinstance(layer, (OneHot, Lstm)) else _input_count(layer)
 
 
 def numbers_text(count: int) -> str:
-    """How many numbers, in words."""
+    """A count of numbers in words."""
     return f"{count} number{'s' * (count != 1)}"
 
 
@@ -214,16 +214,16 @@ def _bad_numbers(layer: Layer, arrays: list[Floats]) -> str:
 
 
 def network_problem(network: Network) -> str:
-    """Why layers do not fit each other or have numbers that cannot be; "" where all is well."""
+    """Why layers do not fit each other or have impossible numbers; "" if all is well."""
     size = network.inputs
     for number, layer in enumerate(network.layers, 1):
         arrays = [x for x in vars(layer).values() if isinstance(x, np.ndarray)]
-        takes = _takes(layer)
+        takes = _input_count(layer)
         if takes not in (None, size):
             return f"layer {number} takes {numbers_text(takes)}, and is given {size}"
         if wrong := _bad_numbers(layer, arrays):
             return f"layer {number} {wrong}"
-        size = _gives(layer) or size
+        size = _output_count(layer) or size
     if network.choices and sum(network.choices) != size:
         chosen = f"{numbers_text(sum(network.choices))} to choose from"
         return f"its action space has {chosen}, its network {size}"
@@ -234,13 +234,13 @@ def network_problem(network: Network) -> str:
 
 
 def standardise(layer: Standardised, x: Doubles) -> Floats:
-    """What VecNormalize makes of observations (..., n)."""
+    """The observations (..., n), scaled and clipped as VecNormalize does."""
     scaled = (x - layer.mean) / layer.deviation
     return np.clip(scaled, -layer.limit, layer.limit).astype(np.float32)
 
 
 class ReadyNetwork(NamedTuple):
-    """A network that can be asked: an observation is written, and `run` gives the last layer."""
+    """A network in use: the caller writes an observation, and `run` gives the last layer."""
 
     observation: Floats
     """(inputs,), for the caller to write."""
@@ -250,27 +250,27 @@ class ReadyNetwork(NamedTuple):
     """Begins an episode: zeros all memory."""
 
 
-def made_ready(network: Network) -> ReadyNetwork:
-    """The network made ready to be asked, in float32."""
+def prepare_network(network: Network) -> ReadyNetwork:
+    """The network with its arrays allocated, to be run in float32."""
     steps: list[Callable[[], object]] = []
     memory: list[Floats] = []
-    before = _with_one(network.inputs)
+    before = _zeros_and_one(network.inputs)
     observation = before[:-1]
     for layer in network.layers:
         if isinstance(
             layer, Affine
         ):  # the bias is the weight of a one that stands after the numbers
-            after = _with_one(len(layer.bias))
+            after = _zeros_and_one(len(layer.bias))
             weight = np.hstack([layer.weight, layer.bias[:, None]])
             steps.append(partial(weight.dot, before, after[:-1]))
         elif isinstance(layer, Lstm):
-            after = _with_one(layer.outputs)
+            after = _zeros_and_one(layer.outputs)
             memory += [kept := np.zeros(layer.outputs, np.float32), after[:-1]]
-            steps.append(partial(_remember, layer, before[:-1], kept, after[:-1]))
+            steps.append(partial(_step_lstm, layer, before[:-1], kept, after[:-1]))
         else:
-            after = before if steps else _with_one(network.inputs)
+            after = before if steps else _zeros_and_one(network.inputs)
             if isinstance(layer, OneHot):
-                after = _with_one(layer.outputs)
+                after = _zeros_and_one(layer.outputs)
             steps += _elementwise_steps(layer, before[:-1], after[:-1])
         before = after
     answer = before[:-1]
@@ -287,12 +287,12 @@ def made_ready(network: Network) -> ReadyNetwork:
     return ReadyNetwork(observation, run, reset)
 
 
-def _with_one(size: int) -> Floats:
+def _zeros_and_one(size: int) -> Floats:
     return np.append(np.zeros(size, np.float32), np.float32(1.0))
 
 
 def _elementwise_steps(layer: Layer, x: Floats, out: Floats) -> list[Callable[[], object]]:
-    """The steps of a layer whose numbers each depend on one number of its input."""
+    """The steps of a layer that makes each number of one number of its input."""
     if isinstance(layer, Tanh):
         return [partial(np.tanh, x, out=out)]
     if isinstance(layer, Relu):
@@ -331,8 +331,8 @@ def _sigmoid(x: Floats) -> Floats:
     return made
 
 
-def _remember(layer: Lstm, x: Floats, kept: Floats, out: Floats) -> None:
-    """Do one step of an LSTM: its memory `kept` (n,) and answer `out` (n,) are overwritten."""
+def _step_lstm(layer: Lstm, x: Floats, kept: Floats, out: Floats) -> None:
+    """Does one step of an LSTM: overwrites its memory `kept`, (n,), and its answer `out`, (n,)."""
     gates = layer.weight @ np.concatenate([x, out]) + layer.bias
     enter, forget, new, leave = gates.reshape(4, -1)
     kept[:] = _sigmoid(forget) * kept + _sigmoid(enter) * np.tanh(new)
@@ -369,8 +369,8 @@ ACTIVATIONS: dict[str, Callable[[Floats], Floats]] = {
 """The activations by torch's name, with torch's default parameters."""
 
 
-def answer(network: Network, observation: Floats) -> Floats:
+def last_layer(network: Network, observation: Floats) -> Floats:
     """The last layer's numbers in float32, (outputs,), for one observation (inputs,)."""
-    asked = made_ready(network)
+    asked = prepare_network(network)
     asked.observation[:] = observation
     return asked.run()

@@ -74,7 +74,7 @@ class OnnxContent(NamedTuple):
 
 
 def onnx_content(path: Path) -> OnnxContent:
-    """The content of an ONNX file. SoterError X003, X014; D007 where it takes `onnx` to read it."""
+    """The content of an ONNX file. SoterError X003, X014; D007 if the package `onnx` is missing."""
     data = read_policy_bytes(path)
     if LOCATION not in data and REFUSED_BYTES.search(data) is None:
         return OnnxContent(data, {})
@@ -96,7 +96,7 @@ def onnx_content(path: Path) -> OnnxContent:
 
 
 def parse_model(path: Path, data: bytes) -> Any:  # noqa: ANN401 - no types
-    """The model that bytes are; SoterError X014, D007."""
+    """The ONNX model in these bytes; SoterError X014, D007."""
     try:
         import onnx  # noqa: PLC0415 - an extra
         from google.protobuf.message import DecodeError  # noqa: PLC0415 - a part of it
@@ -109,7 +109,7 @@ def parse_model(path: Path, data: bytes) -> Any:  # noqa: ANN401 - no types
 
 
 def _messages(message: Any, kind: str) -> Iterator[Any]:  # noqa: ANN401
-    """Every message of a kind in one: of graphs, of operators in them, of functions."""
+    """Yields every message of a kind inside one: in graphs, their operators, functions."""
     if message.DESCRIPTOR.name == kind:
         yield message
     for field, value in message.ListFields():
@@ -119,9 +119,9 @@ def _messages(message: Any, kind: str) -> Iterator[Any]:  # noqa: ANN401
 
 
 def _load_tensor(path: Path, tensor: Any, files: dict[str, bytes], room: int) -> None:  # noqa: ANN401
-    """Put a tensor's numbers, at most `room` bytes, into it from the file that it names.
+    """Puts the numbers of a tensor, at most `room` bytes, into it from the file that it names.
 
-    `files`: those that were read so far.
+    `files`: the files that were read so far.
     """
     entries = {entry.key: entry.value for entry in tensor.external_data}
     name = entries.get("location", "")
@@ -144,7 +144,7 @@ def _load_tensor(path: Path, tensor: Any, files: dict[str, bytes], room: int) ->
 
 
 def _beside(path: Path, tensor: str, name: str, limit: int) -> bytes:
-    """A file in the folder of the ONNX file; X014 for any other, and where it is not read."""
+    """The bytes of a file in the ONNX file's folder; X014 for other places and unreadable files."""
     at = beside(path, name)
     if at is None:
         why = f"its constant `{tensor}` is said to lie in `{name[:80]}`"
@@ -177,12 +177,12 @@ class _UnreadError(Exception):
 
 
 def read_onnx(path: Path) -> Policy:
-    """The policy of a file; SoterError X003, X014, D007 without the package `onnx`."""
+    """The policy in an ONNX file; SoterError X003, X014, D007 without the package `onnx`."""
     content = onnx_content(path)
     model = parse_model(path, content.data)
     graph = model.graph
     try:
-        observation, answered, network = _network(graph)
+        observation, answered, network = _read_network(graph)
         why = network_problem(network)
     except (_UnreadError, ValueError, TypeError, LookupError) as error:
         ask = f'asked as it is by onnxruntime: `extern node ... from "onnx:{path}" {{ ... }}`'
@@ -205,19 +205,19 @@ def read_onnx(path: Path) -> Policy:
     return Policy(str(path), network, facts, assumed)
 
 
-def _network(graph: Any) -> tuple[str, str, Network]:  # noqa: ANN401 - no types
-    """The names of observation and answer, and the layers between."""
+def _read_network(graph: Any) -> tuple[str, str, Network]:  # noqa: ANN401 - no types
+    """The names of the observation and the answer, and the layers between them."""
     constants = _constants(graph)
     inputs = [x for x in graph.input if x.name not in constants]
     if len(inputs) != 1 or not graph.output:
         counts = f"{len(inputs)} inputs and {len(graph.output)} outputs"
         raise _UnreadError(f"it has {counts}, and a function of one observation is written")
     answered = ([x.name for x in graph.output if x.name in NAMES] or [graph.output[0].name])[0]
-    size = _size(inputs[0])
-    chain = _chain(graph, constants, inputs[0].name, answered)
+    size = _observation_size(inputs[0])
+    chain = _operator_chain(graph, constants, inputs[0].name, answered)
     choice = chain[-1].op_type == "ArgMax"
     if choice:
-        _require_choice(chain.pop())
+        _require_argmax(chain.pop())
     layers: list[Layer] = []
     for node in chain:
         network = Network(size, tuple(layers))
@@ -227,8 +227,8 @@ def _network(graph: Any) -> tuple[str, str, Network]:  # noqa: ANN401 - no types
     return inputs[0].name, answered, Network(size, tuple(layers), choices)
 
 
-def _array(tensor: Any) -> npt.NDArray[Any]:  # noqa: ANN401
-    """A constant, whose numbers are in the file (`onnx_content`)."""
+def _constant_array(tensor: Any) -> npt.NDArray[Any]:  # noqa: ANN401
+    """The numbers of a constant, which are in the file itself (`onnx_content`)."""
     from onnx import TensorProto, numpy_helper  # noqa: PLC0415 - as above
 
     if tensor.data_type not in {TensorProto.FLOAT, TensorProto.INT64}:
@@ -241,13 +241,13 @@ def _array(tensor: Any) -> npt.NDArray[Any]:  # noqa: ANN401
 def _constants(graph: Any) -> dict[str, npt.NDArray[Any]]:  # noqa: ANN401
     if graph.sparse_initializer:
         raise _UnreadError("it has sparse constants")
-    constants = {x.name: _array(x) for x in graph.initializer}
+    constants = {x.name: _constant_array(x) for x in graph.initializer}
     for node in graph.node:
         if node.op_type == "Constant" and not node.domain:
             values = [a.t for a in node.attribute if a.name == "value"]
             if len(values) != 1 or len(node.output) != 1:
                 raise _UnreadError("it has a Constant that is no tensor")
-            constants[node.output[0]] = _array(values[0])
+            constants[node.output[0]] = _constant_array(values[0])
         elif node.op_type == "Identity" and node.input[0] in constants:
             constants[node.output[0]] = constants[node.input[0]]  # a weight that is used twice
         elif node.op_type == "Expand" and {*node.input} <= constants.keys():
@@ -259,8 +259,8 @@ def _constants(graph: Any) -> dict[str, npt.NDArray[Any]]:  # noqa: ANN401
     return constants
 
 
-def _size(value: Any) -> int:  # noqa: ANN401
-    """How many numbers an observation has, by the shape of the input."""
+def _observation_size(value: Any) -> int:  # noqa: ANN401
+    """How many numbers an observation has, by the shape of the graph's input."""
     from onnx import TensorProto  # noqa: PLC0415 - as above
 
     tensor = value.type.tensor_type
@@ -279,8 +279,8 @@ def _moving_input(node: Any, constants: Constants) -> str:  # noqa: ANN401
     return moving[0]
 
 
-def _chain(graph: Any, constants: Constants, start: str, end: str) -> list[Any]:  # noqa: ANN401
-    """The nodes from the input to the answer, in order."""
+def _operator_chain(graph: Any, constants: Constants, start: str, end: str) -> list[Any]:  # noqa: ANN401
+    """The operators from the input to the answer, in order."""
     producers = {name: node for node in graph.node for name in node.output}
     chain: list[Any] = []
     at = end
@@ -308,29 +308,29 @@ def _attributes(node: Any) -> dict[str, Any]:  # noqa: ANN401
     return {a.name: helper.get_attribute_value(a) for a in node.attribute}
 
 
-def _vector(array: npt.NDArray[Any], size: int) -> Floats:
-    """A constant as one number for each of `size`."""
+def _constant_vector(array: npt.NDArray[Any], size: int) -> Floats:
+    """A constant as an array with a number for each of `size`."""
     if array.dtype != np.float32 or (array.size != 1 and array.shape[-1:] != (array.size,)):
         raise _UnreadError(f"a constant has the shape {array.shape}: one number each is read")
     return np.ascontiguousarray(np.broadcast_to(array.reshape(-1), (size,)))
 
 
-def _gemm(node: Any, constants: Constants, size: int) -> list[Layer]:  # noqa: ANN401
+def _gemm_layers(node: Any, constants: Constants, size: int) -> list[Layer]:  # noqa: ANN401
     how = {"alpha": 1.0, "beta": 1.0, "transA": 0, "transB": 0} | _attributes(node)
     if how["alpha"] != 1.0 or how["beta"] != 1.0 or how["transA"] or node.input[0] in constants:
         raise _UnreadError("its Gemm has factors, or an observation on another side")
-    weight = _matrix(constants.get(node.input[1]), size, transposed=bool(how["transB"]))
+    weight = _weight_matrix(constants.get(node.input[1]), size, transposed=bool(how["transB"]))
     bias = np.zeros(1, np.float32) if len(node.input) < 3 else constants[node.input[2]]
-    return [Affine(weight, _vector(bias, weight.shape[0]))]
+    return [Affine(weight, _constant_vector(bias, weight.shape[0]))]
 
 
-def _matmul(node: Any, constants: Constants, size: int) -> list[Layer]:  # noqa: ANN401
-    weight = _matrix(constants.get(node.input[1]), size, transposed=False)
+def _matmul_layers(node: Any, constants: Constants, size: int) -> list[Layer]:  # noqa: ANN401
+    weight = _weight_matrix(constants.get(node.input[1]), size, transposed=False)
     return [Affine(weight, np.zeros(weight.shape[0], np.float32))]
 
 
-def _matrix(array: npt.NDArray[Any] | None, size: int, *, transposed: bool) -> Floats:
-    """A constant as (out, in)."""
+def _weight_matrix(array: npt.NDArray[Any] | None, size: int, *, transposed: bool) -> Floats:
+    """A constant as a matrix (out, in)."""
     if array is None or array.ndim != 2 or array.dtype != np.float32:
         raise _UnreadError("it multiplies with what is no constant matrix on the right")
     weight = array if transposed else array.T
@@ -339,26 +339,26 @@ def _matrix(array: npt.NDArray[Any] | None, size: int, *, transposed: bool) -> F
     return np.ascontiguousarray(weight)
 
 
-def _arithmetic(node: Any, constants: Constants, size: int) -> list[Layer]:  # noqa: ANN401
+def _arithmetic_layers(node: Any, constants: Constants, size: int) -> list[Layer]:  # noqa: ANN401
     first = node.input[0] in constants
     operand = constants[node.input[0 if first else 1]]
     if first and node.op_type in {"Sub", "Div"}:
         raise _UnreadError(f"its {node.op_type} has the constant on the left")
-    return [Elementwise(ARITHMETIC[node.op_type], _vector(operand, size))]
+    return [Elementwise(ARITHMETIC[node.op_type], _constant_vector(operand, size))]
 
 
-def _clip(node: Any, constants: Constants, size: int) -> list[Layer]:  # noqa: ANN401
+def _clip_layers(node: Any, constants: Constants, size: int) -> list[Layer]:  # noqa: ANN401
     attributes = _attributes(node)
     bounds = [np.float32(attributes.get("min", -np.inf)), np.float32(attributes.get("max", np.inf))]
     for place, name in enumerate(node.input[1:3]):
         if name:
             bounds[place] = constants[name]
-    low, high = (_vector(np.asarray(b), size) for b in bounds)
+    low, high = (_constant_vector(np.asarray(b), size) for b in bounds)
     return [Clipped(low, high)]
 
 
 def _no_layer(node: Any, constants: Constants, size: int) -> list[Layer]:  # noqa: ANN401
-    """No layer, for operators that only reshape and leave an observation in one row."""
+    """No layers, for an operator that leaves the numbers of an observation as they are."""
     if node.op_type == "Flatten" and _attributes(node).get("axis", 1) not in (0, 1):
         raise _UnreadError("its Flatten makes several rows of one observation")
     if node.op_type == "Cast" and _attributes(node).get("to") != FLOAT:
@@ -375,21 +375,21 @@ def _no_layer(node: Any, constants: Constants, size: int) -> list[Layer]:  # noq
     return []
 
 
-def _require_choice(node: Any) -> None:  # noqa: ANN401
+def _require_argmax(node: Any) -> None:  # noqa: ANN401
     attributes = {"axis": 0, "select_last_index": 0} | _attributes(node)
     if attributes["axis"] not in (-1, 1) or attributes["select_last_index"]:
         raise _UnreadError("its ArgMax is not of the last axis, or takes the last of equal numbers")
 
 
 def _find_maker(node: Any) -> Callable[[Any, Constants, int], list[Layer]]:  # noqa: ANN401
-    """The function that makes layers of a node."""
+    """The function that makes the layers of an operator."""
     name = node.op_type
     if name in ARITHMETIC:
-        return _arithmetic
+        return _arithmetic_layers
     simple: dict[str, Layer] = {"Relu": Relu(), "Tanh": Tanh()}
     if name in simple:
         return lambda *_: [simple[name]]
-    known = {"Gemm": _gemm, "MatMul": _matmul, "Clip": _clip}
+    known = {"Gemm": _gemm_layers, "MatMul": _matmul_layers, "Clip": _clip_layers}
     known |= dict.fromkeys(("Identity", "Cast", "Flatten", "Reshape", "Expand"), _no_layer)
     if name not in known:
         raise _UnreadError(f"it has the operator {name[:40]}")

@@ -37,37 +37,37 @@ NUMBERS_MAX = 1_000_000
 SAY = 'say which output is the next value of which input: "onnx:FILE:h0=hn,c0=cn"'
 
 
-def _without_direction(name: str) -> str:
+def _undirected_name(name: str) -> str:
     words = [w for w in re.split(r"[^a-z0-9]+", name.lower()) if w]
     return "_".join(w for w in words if w not in DIRECTIONS)
 
 
-def _without_end(name: str) -> str:
-    return ENDS.sub("", _without_direction(name))
+def _endless_name(name: str) -> str:
+    return ENDS.sub("", _undirected_name(name))
 
 
 def memory_pairs(inputs: Sequence[Any], outputs: Sequence[Any]) -> dict[str, str]:
-    """For each input with memory, the output that it gets at the next step, by names and shapes.
+    """For each input with memory, the output whose value it gets at the next step.
 
-    They go together where the input and one output alone have the same name without directions, or
-    else without `0` or `n` at the end, and the same shape. The answer is no such output.
+    They belong together if only they have the same name, without words of direction or at least
+    without `0` or `n` at the end, and the same shape. The answer is no such output.
     """
     found: dict[str, str] = {}
     outputs = [y for y in outputs if y.name not in NAMES]
-    ways: tuple[Callable[[str], str], ...] = (_without_direction, _without_end)
+    ways: tuple[Callable[[str], str], ...] = (_undirected_name, _endless_name)
     for stem in ways:
         for x in inputs:
             free = [y for y in outputs if y.name not in found.values() and y.name != x.name]
-            same = [y for y in free if stem(y.name) == stem(x.name) and _alike(x, y)]
+            same = [y for y in free if stem(y.name) == stem(x.name) and _have_one_shape(x, y)]
             rivals = [z for z in inputs if stem(z.name) == stem(x.name)]
             if x.name not in found and len(same) == len(rivals) == 1 and stem(x.name):
                 found[x.name] = same[0].name
     return found
 
 
-def _alike(x: Any, y: Any) -> bool:  # noqa: ANN401 - no types
-    """Whether two values have one type and fixed axes that are the same."""
-    sizes = [[_axis(n) for n in shape] for shape in (x.shape, y.shape)]
+def _have_one_shape(x: Any, y: Any) -> bool:  # noqa: ANN401 - no types
+    """Whether two values have the same type, and the same axes where both are fixed."""
+    sizes = [[_fixed_size(n) for n in shape] for shape in (x.shape, y.shape)]
     fits = len(sizes[0]) == len(sizes[1]) and all(
         None in pair or pair[0] == pair[1] for pair in zip(*sizes, strict=True)
     )
@@ -77,7 +77,7 @@ def _alike(x: Any, y: Any) -> bool:  # noqa: ANN401 - no types
 def _declared_pairs(
     path: Path, text: str, inputs: Sequence[Any], outputs: Sequence[Any]
 ) -> dict[str, str]:
-    """The pairs of memory that a program gives as `h0=hn,c0=cn`; X014 for unknown names."""
+    """The pairs of memory that a program declares as `h0=hn,c0=cn`; X014 for unknown names."""
     names = [{x.name for x in inputs}, {x.name for x in outputs}]
     pairs = dict(part.split("=") for part in text.split(","))
     for before, after in pairs.items():
@@ -89,7 +89,7 @@ def _declared_pairs(
 
 
 def _answer_output(path: Path, outputs: Sequence[Any]) -> tuple[Any, tuple[str, ...]]:
-    """The output that is the answer, and what is assumed where there are several."""
+    """The output that is the answer, and an assumption if there are several outputs."""
     if not outputs:
         raise bad_policy(path, "it has no output that is an answer", SAY)
     output = next((x for x in outputs if x.name in NAMES), outputs[0])
@@ -125,15 +125,15 @@ class OnnxSession:
             text = ", ".join(f"`{x}` is what `{y}` was" for x, y in pairs.items())
             self.assumed += (f"it remembers: {text}, zeros at the start",)
         self.assumed += ("observations are not normalised, unless the file does it",)
-        self.observation, zeros = _observation(path, seen, output)
+        self.observation, zeros = _observation_arrays(path, seen, output)
         many = len(seen) > 1
         self.keys = tuple((x.name, zeros[x.name].size) for x in seen) if many else ()
-        kept = {x.name: _zeros(path, x) for x in inputs if x.name in pairs}
-        first = _asked_once(path, session, zeros | kept, [output.name, *pairs.values()])
+        kept = {x.name: _zero_memory(path, x) for x in inputs if x.name in pairs}
+        first = _first_outputs(path, session, zeros | kept, [output.name, *pairs.values()])
         answer = first[output.name]
         if not answer.size or answer.ndim > max(x.ndim for x in zeros.values()) + 1:
             raise bad_policy(path, f"it answers an array of shape {answer.shape}")
-        _require_alike(path, pairs, kept, first)
+        _require_same_shapes(path, pairs, kept, first)
         self.is_whole, self.shape = answer.dtype == np.int64, answer.shape
         values = {name: ort_value(array) for name, array in (zeros | kept).items()}
         out = {name: ort_value(np.ascontiguousarray(array)) for name, array in first.items()}
@@ -147,7 +147,7 @@ class OnnxSession:
         self._memory = [(array, out[pairs[name]]) for name, array in kept.items()]
 
     def run(self) -> list[float]:
-        """The answer to `observation`; raises whatever onnxruntime does."""
+        """The answer to `observation`; raises what onnxruntime raises."""
         self._session.run_with_iobinding(self._binding)
         for kept, after in self._memory:
             kept[...] = after.numpy()
@@ -155,15 +155,15 @@ class OnnxSession:
         return answer
 
     def reset(self) -> None:
-        """Begin an episode: memory is zeros."""
+        """Begins an episode: sets all memory to zeros."""
         for kept, _ in self._memory:
             kept[...] = 0
 
 
 def _load_session(path: Path) -> tuple[Any, Callable[[npt.NDArray[Any]], Any]]:
-    """The session, and the function that makes its value in the memory of an array."""
+    """The session, and the function that makes onnxruntime's value share an array's memory."""
     data = onnx_content(path).data
-    runtime = _onnxruntime()
+    runtime = _import_onnxruntime()
     options = runtime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 4
@@ -175,13 +175,13 @@ def _load_session(path: Path) -> tuple[Any, Callable[[npt.NDArray[Any]], Any]]:
     return session, runtime.OrtValue.ortvalue_from_numpy
 
 
-def _observation(
+def _observation_arrays(
     path: Path,
     seen: Sequence[Any],
     output: Any,  # noqa: ANN401 - no types
 ) -> tuple[npt.NDArray[Any], dict[str, npt.NDArray[Any]]]:
     """All numbers of observations, (inputs,), and by name the arrays that are views of them."""
-    shapes = [tuple(_axis(n) for n in x.shape) for x in seen]
+    shapes = [tuple(_fixed_size(n) for n in x.shape) for x in seen]
     for x, shape in zip(seen, shapes, strict=True):
         if x.type not in DTYPES or not shape or shape[-1] is None:
             raise bad_policy(path, f"its input `{x.name}` is a {x.type} of shape {x.shape}")
@@ -202,20 +202,20 @@ def _observation(
     }
 
 
-def _zeros(path: Path, x: Any) -> npt.NDArray[Any]:  # noqa: ANN401
-    """The memory at the start of an episode, zeros in the shape of an input."""
-    if x.type not in DTYPES or math.prod(_axis(n) or 1 for n in x.shape) > NUMBERS_MAX:
+def _zero_memory(path: Path, x: Any) -> npt.NDArray[Any]:  # noqa: ANN401
+    """The memory at the start of an episode: zeros in the shape of an input."""
+    if x.type not in DTYPES or math.prod(_fixed_size(n) or 1 for n in x.shape) > NUMBERS_MAX:
         raise bad_policy(path, f"what it remembers, `{x.name}`, is a {x.type} of shape {x.shape}")
-    return np.zeros([_axis(n) or 1 for n in x.shape], DTYPES[x.type])
+    return np.zeros([_fixed_size(n) or 1 for n in x.shape], DTYPES[x.type])
 
 
-def _asked_once(
+def _first_outputs(
     path: Path,
     session: Any,  # noqa: ANN401 - no types
     inputs: dict[str, npt.NDArray[Any]],
     names: list[str],
 ) -> dict[str, npt.NDArray[Any]]:
-    """The outputs for inputs of zeros, by name."""
+    """The outputs for these inputs, by name; X014 if the graph cannot be run."""
     once = list(dict.fromkeys(names))
     try:
         answers = session.run(once, inputs)
@@ -225,13 +225,13 @@ def _asked_once(
         raise bad_policy(path, why) from error
 
 
-def _require_alike(
+def _require_same_shapes(
     path: Path,
     pairs: dict[str, str],
     kept: dict[str, npt.NDArray[Any]],
     first: dict[str, npt.NDArray[Any]],
 ) -> None:
-    """X014 where an output cannot be the next value of its input."""
+    """Raises X014 if an output cannot be the next value of its input."""
     for name, array in kept.items():
         after = first[pairs[name]]
         if array.shape != after.shape or array.dtype != after.dtype:
@@ -239,12 +239,12 @@ def _require_alike(
             raise bad_policy(path, why, SAY)
 
 
-def _axis(size: object) -> int | None:
-    """A fixed size of an axis; None where the file leaves it open."""
+def _fixed_size(size: object) -> int | None:
+    """The size of an axis; None if the file leaves it open."""
     return size if isinstance(size, int) and size > 0 else None
 
 
-def _onnxruntime() -> Any:  # noqa: ANN401 - no types
+def _import_onnxruntime() -> Any:  # noqa: ANN401 - no types
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")

@@ -64,13 +64,13 @@ class _Mark:
 
 
 def read_pickle(data: bytes) -> Any:  # noqa: ANN401 - whatever it holds
-    """The value of a pickle; PickleError."""
+    """The value in a pickle; PickleError if it holds anything that is not read here."""
     machine = _Machine()
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of names that have an odd escape
             for opcode, argument, _ in islice(pickletools.genops(data), OPERATIONS_MAX):
-                machine.take(opcode.name, argument)
+                machine.run_opcode(opcode.name, argument)
     except PickleError:
         raise
     except (ValueError, IndexError, KeyError, TypeError, OverflowError, MemoryError) as error:
@@ -81,7 +81,7 @@ def read_pickle(data: bytes) -> Any:  # noqa: ANN401 - whatever it holds
 
 
 class _Machine:
-    """The stack machine of pickles, over data."""
+    """The stack machine that runs a pickle's opcodes on data."""
 
     def __init__(self) -> None:
         self.stack: list[Any] = []
@@ -89,11 +89,11 @@ class _Machine:
         self.result: Any = None
         self.ended = False
 
-    def take(self, name: str, argument: Any) -> None:  # noqa: ANN401 - as the opcode has it
-        """Do one opcode."""
+    def run_opcode(self, name: str, argument: Any) -> None:  # noqa: ANN401 - as the opcode has it
+        """Executes one opcode."""
         stack = self.stack
         if name in PLAIN:
-            stack.append(_constant(name, argument))
+            stack.append(_constant_value(name, argument))
         elif name in {"PROTO", "FRAME"}:
             pass
         elif name == "MEMOIZE":
@@ -123,18 +123,18 @@ class _Machine:
         elif name == "TUPLE":
             stack.append(tuple(self._pop_to_mark()))
         elif name == "APPEND":
-            self._extend([stack.pop()])
+            self._extend_list([stack.pop()])
         elif name == "APPENDS":
-            self._extend(self._pop_to_mark())
+            self._extend_list(self._pop_to_mark())
         elif name == "SETITEM":
             value = stack.pop()
-            self._enter([stack.pop(), value])
+            self._enter_items([stack.pop(), value])
         elif name == "SETITEMS":
-            self._enter(self._pop_to_mark())
+            self._enter_items(self._pop_to_mark())
         else:
-            self._make(name, argument)
+            self._push_made(name, argument)
 
-    def _make(self, name: str, argument: Any) -> None:  # noqa: ANN401 - as above
+    def _push_made(self, name: str, argument: Any) -> None:  # noqa: ANN401 - as above
         stack = self.stack
         if name == "GLOBAL":
             stack.append(Name(argument.replace(" ", ".", 1)))
@@ -157,19 +157,19 @@ class _Machine:
             raise PickleError(f"it has the opcode {name}, which is not read here")
 
     def _pop_to_mark(self) -> list[Any]:
-        """Pop the values above the last mark, and the mark."""
+        """Pops the values above the last mark, and the mark itself."""
         at = max(i for i, x in enumerate(self.stack) if x is _Mark)
         parts = self.stack[at + 1 :]
         del self.stack[at:]
         return parts
 
-    def _extend(self, parts: list[Any]) -> None:
+    def _extend_list(self, parts: list[Any]) -> None:
         if isinstance(self.stack[-1], list):
             self.stack[-1].extend(parts)
         elif not isinstance(self.stack[-1], Made):
             raise PickleError("it appends to what is no list")
 
-    def _enter(self, parts: list[Any]) -> None:
+    def _enter_items(self, parts: list[Any]) -> None:
         target = self.stack[-1]
         entries = target.items if isinstance(target, Made) else target
         if not isinstance(entries, dict):
@@ -179,7 +179,7 @@ class _Machine:
                 entries[key] = value
 
 
-def _constant(name: str, argument: Any) -> Any:  # noqa: ANN401 - as above
+def _constant_value(name: str, argument: Any) -> Any:  # noqa: ANN401 - as above
     if name in {"NONE", "NEWTRUE", "NEWFALSE"}:
         return {"NONE": None, "NEWTRUE": True, "NEWFALSE": False}[name]
     return bytes(argument) if name == "BYTEARRAY8" else argument
@@ -189,7 +189,7 @@ def _constant(name: str, argument: Any) -> Any:  # noqa: ANN401 - as above
 
 
 def read_array(value: Any) -> npt.NDArray[Any]:  # noqa: ANN401 - whatever it holds
-    """The array that a pickle makes, in its shape, little-endian; PickleError where it is none."""
+    """The array in a pickle, in its shape, little-endian; PickleError if there is none."""
     made = value if isinstance(value, Made) else Made("", ())
     shape: Any = ()
     order: Any = "C"
@@ -209,7 +209,7 @@ def read_array(value: Any) -> npt.NDArray[Any]:  # noqa: ANN401 - whatever it ho
 
 
 def read_dtype(value: Any) -> np.dtype[Any]:  # noqa: ANN401 - whatever it holds
-    """The type of `DTYPES` that a pickle names; PickleError for another one."""
+    """The NumPy type that a pickle names; PickleError unless it is one of `DTYPES`."""
     if isinstance(value, Made) and value.name == "numpy.dtype" and value.arguments:
         text, state = value.arguments[0], value.state
         big = isinstance(state, tuple) and len(state) > 1 and state[1] == ">"

@@ -20,12 +20,12 @@ FILE_MAX = 256 * 2**20
 
 
 def bad_policy(path: Path | str, why: str, *helps: str) -> SoterError:
-    """X014: the file is no policy, or one that cannot be run."""
+    """The error X014 that a file is no policy, or none that can be run."""
     return SoterError((Diagnostic("X014", f"the policy `{path}`: {why}", helps=helps),))
 
 
 def missing_package(package: str, purpose: str) -> SoterError:
-    """D007: a package that is not installed."""
+    """The error D007 that a package is not installed."""
     help_ = f"install it: {pip_install('learn')}"
     return SoterError(
         (Diagnostic("D007", f"{purpose} needs the package `{package}`", helps=(help_,)),)
@@ -33,7 +33,7 @@ def missing_package(package: str, purpose: str) -> SoterError:
 
 
 def read_policy_bytes(path: Path) -> bytes:
-    """The bytes of a policy's file, an ordinary one; SoterError X003 where it cannot be read."""
+    """The bytes of a policy's file; SoterError X003 if it cannot be read."""
     try:
         return read_bytes(path, FILE_MAX)
     except ReadError as error:

@@ -19,7 +19,7 @@ import numpy as np
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
 from soter.language.model.types import ArrayType, BoolType, EnumType, FloatType, IntType, RecordType
 from soter.native.bindings import FilePolicy
-from soter.policy.network import Clipped, made_ready, numbers_text, standardise
+from soter.policy.network import Clipped, numbers_text, prepare_network, standardise
 from soter.policy.onnx_file import onnx_content
 from soter.policy.onnx_session import SAY, OnnxSession
 from soter.policy.policy_errors import bad_policy, read_policy_bytes
@@ -47,9 +47,9 @@ OTHER_START = (
 
 
 class PolicyExtern(FilePolicy):
-    """A policy between what a node reads and what it publishes.
+    """A policy that answers an extern node; SoterError X003, X014, D007.
 
-    `assumed`: what is assumed as no file says it. SoterError X003, X014, D007.
+    `assumed`: what is assumed as no file says it.
     """
 
     def __init__(self, binding: BindingText, reads: Shapes, answers: Shapes) -> None:
@@ -87,12 +87,12 @@ class PolicyExtern(FilePolicy):
         _require_answers(path, policy, answers)
 
     def reset(self, _seed: int) -> None:
-        """Forget the frames, and what the network remembers; the policy draws nothing."""
+        """Forgets the older frames and the network's memory; the policy draws nothing."""
         self._observation[:] = 0.0
         self._forget()
 
     def step(self, inputs: Any) -> Converted:  # noqa: ANN401 - a namespace of what is read
-        """The answer to what the node reads."""
+        """The policy's answer to the inputs of the node."""
         if self._older:
             x = self._observation
             x[: -self._row] = x[self._row :]
@@ -107,7 +107,7 @@ class PolicyExtern(FilePolicy):
 
 
 def _join_numbers(reads: Any) -> npt.NDArray[Any]:  # noqa: ANN401 - numbers and arrays
-    """The numbers of one value, or of several, in one array."""
+    """The numbers of one value, or of several values, in one array."""
     parts = reads if isinstance(reads, tuple) else (reads,)
     return np.concatenate([np.ravel(part) for part in parts])
 
@@ -153,10 +153,10 @@ def _load_network(binding: BindingText, path: Path) -> _LoadedNetwork:
             acted=session.shape,
         )
     policy = read_sb3(path, Path(binding.name) if binding.name else None)
-    ready = made_ready(policy.network)
+    ready = prepare_network(policy.network)
     return _LoadedNetwork(
         observation=ready.observation,
-        run=lambda: policy.network.chosen(ready.run()),
+        run=lambda: policy.network.choose_answer(ready.run()),
         forget=ready.reset,
         outputs=policy.network.answers,
         assumed=policy.assumed,
@@ -172,8 +172,8 @@ def frame_rows(path: Path | str, shape: tuple[int, ...], size: int, reads: Shape
     """In how many rows each frame of an observation lies; 1: it lies in one piece.
 
     `VecFrameStack` stacks along the last axis or the first, which no file says: what the node reads
-    does. `shape`: that of the observation, () where it cannot be stacked; `size`: its numbers.
-    SoterError X014 where what is read is no frame of it, or may be one of either kind.
+    does. `shape`: that of the observation, () if it cannot be stacked; `size`: its numbers.
+    SoterError X014 if what is read is no frame of it, or may be one of either kind.
     """
     count = sum(n for name, t in reads for _, n in _number_paths(path, name, t))
     frames, rest = divmod(size, count) if count else (0, 1)
@@ -197,7 +197,7 @@ def frame_rows(path: Path | str, shape: tuple[int, ...], size: int, reads: Shape
 
 
 def _axes(t: Type) -> list[int]:
-    """The sizes of an array's axes, the first one first; [] for any other type."""
+    """The sizes of an array's axes, the outermost first; [] for any other type."""
     return [t.size, *_axes(t.element)] if isinstance(t, ArrayType) else []
 
 
@@ -208,7 +208,7 @@ def reads_by_name(
     reads: Shapes,
     *helps: str,
 ) -> Shapes:
-    """What a node reads, in the order of the policy's names; SoterError X014 without one."""
+    """A node's inputs in the order of the policy's names; SoterError X014 if they do not fit."""
     known: dict[str, tuple[str, Type]] = {name: (name, t) for name, t in reads}
     name, of = reads[0] if len(reads) == 1 else ("", None)
     if isinstance(of, RecordType):
@@ -227,7 +227,7 @@ def reads_by_name(
 
 
 def sha256_of_files(binding: BindingText) -> dict[str, str]:
-    """SHA-256 of each file of a binding, and of those that an ONNX file names; X003, X014."""
+    """The SHA-256 of each file of a binding, and of files that an ONNX file names; X003, X014."""
     found = None
     if binding.kind == "sb3" and not binding.name:
         found = statistics_beside(Path(binding.file))
@@ -254,7 +254,7 @@ def action_bounds(binding: BindingText) -> list[tuple[float, float]]:
 
 
 def _number_paths(path: Path | str, name: str, t: Type) -> Iterator[tuple[str, int]]:
-    """The attribute paths of a value's numbers, each with how many numbers are there."""
+    """Yields the attribute path of each number or array of numbers, with its count."""
     if isinstance(t, RecordType):
         for field, of in t.fields:
             yield from _number_paths(path, f"{name}.{field}", of)
@@ -268,7 +268,7 @@ def _number_paths(path: Path | str, name: str, t: Type) -> Iterator[tuple[str, i
 
 
 def _array_numbers(t: Type) -> int:
-    """How many numbers an array of numbers, or of such arrays, has; 0 for other types."""
+    """How many numbers an array has, nested arrays included; 0 for other types."""
     if isinstance(t, ArrayType):
         return t.size * (1 if isinstance(t.element, NUMBERS) else _array_numbers(t.element))
     return 0
@@ -309,7 +309,7 @@ def _scalar_types(t: Type) -> Iterator[Type]:
 
 
 def _require_answers(path: Path, policy: _LoadedNetwork, answers: Shapes) -> None:
-    """X014 where what is answered is not what the node publishes."""
+    """Raises X014 if the policy's answer is not what the node publishes."""
     kinds = [k for _, t in answers for k in _scalar_types(t)]
     names = ", ".join(f"`{name}`" for name, _ in answers)
     if len(kinds) != policy.outputs:
@@ -322,7 +322,7 @@ def _require_answers(path: Path, policy: _LoadedNetwork, answers: Shapes) -> Non
 
 
 def require_axes(path: Path | str, acted: tuple[int, ...], answers: Shapes) -> None:
-    """X014 where the answer's numbers would stand in other rows of the topic than in its own."""
+    """Raises X014 if the answer's numbers have other rows than the topic."""
     axes, acted_axes = ([n for n in sizes if n > 1] for sizes in (_axes(answers[0][1]), acted))
     if len(answers) == 1 and min(len(axes), len(acted_axes)) > 1 and axes != acted_axes:
         name, shape = answers[0][0], " x ".join(map(str, acted))
@@ -334,7 +334,7 @@ def require_axes(path: Path | str, acted: tuple[int, ...], answers: Shapes) -> N
 def load_policy(
     binding: BindingText, reads: Shapes, answers: Shapes, span: Span | None
 ) -> PolicyExtern:
-    """The policy; SoterError X003, X014, D007 at the place that declares the node."""
+    """The policy of a binding; SoterError X003, X014, D007 at the node's declaration."""
     try:
         return PolicyExtern(binding, reads, answers)
     except SoterError as error:

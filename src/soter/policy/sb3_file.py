@@ -30,8 +30,8 @@ from soter.policy.pickle_data import Name, PickleError
 from soter.policy.policy_errors import bad_policy, read_policy_bytes
 from soter.policy.sb3_spaces import (
     NUMBERS_MAX,
-    bits,
-    bounds,
+    bit_count,
+    box_bounds,
     choice_counts,
     read_observation,
     require_space,
@@ -40,8 +40,8 @@ from soter.policy.sb3_spaces import (
     space_text,
 )
 from soter.policy.sb3_statistics import with_statistics
-from soter.policy.sb3_tensors import tensors
-from soter.policy.sb3_zip import EXPORT, decode_value, open_zip, part, settings, truth, version
+from soter.policy.sb3_tensors import read_tensors
+from soter.policy.sb3_zip import EXPORT, decode_value, open_zip, settings, truth, version, zip_part
 
 if TYPE_CHECKING:
     import zipfile
@@ -124,38 +124,38 @@ NORM_EPSILON = 1e-3
 
 
 def read_sb3(path: Path, statistics: Path | None = None) -> Policy:
-    """The policy of a file; `statistics`: that of its VecNormalize. SoterError X003, X014.
+    """The policy in a file; `statistics`: the file of its VecNormalize. SoterError X003, X014.
 
-    Where none is named, that which lies beside the file.
+    Without it, the statistics that lie beside the policy's file are taken.
     """
     no_zip = "it is no zip, which is what Stable-Baselines3's `model.save` writes"
     try:
         with open_zip(path, read_policy_bytes(path), no_zip) as parts:
-            policy = _policy(path, parts)
+            policy = _read_policy(path, parts)
     except (PickleError, RecursionError) as error:
         raise bad_policy(path, str(error), EXPORT) from error
     return with_statistics(policy, statistics)
 
 
-def _policy(path: Path, parts: zipfile.ZipFile) -> Policy:
+def _read_policy(path: Path, parts: zipfile.ZipFile) -> Policy:
     data = settings(path, parts)
-    kind, name = _kind(path, data)
+    kind, name = _policy_kind(path, data)
     seen = read_observation(path, decode_value(path, data.get("observation_space")))
     actions = require_space(
         path, decode_value(path, data.get("action_space")), "action space", ACTED
     )
-    weights = tensors(path, part(path, parts, "policy.pth"))
+    weights = read_tensors(path, zip_part(path, parts, "policy.pth"))
     if any("features_extractor." in key for key in weights):
         raise bad_policy(path, "its features are computed by layers of their own", EXPORT)
-    options = _options(path, data)
+    options = _policy_options(path, data)
     squashed = space_kind(actions) == "Box" and truth(
         path, options, "squash_output", default=kind.squashed
     )
     layers = [*seen.layers, *_layers(path, kind, options, weights)]
-    last, choices = _choices(path, kind, actions, layers[-1])
+    last, choices = _choice_layers(path, kind, actions, layers[-1])
     layers[-1:] = last
     if not choices:
-        layers += _ending(path, actions, squashed=squashed)
+        layers += _action_layers(path, actions, squashed=squashed)
     network = Network(len(seen.sizes), tuple(layers), choices)
     if why := network_problem(network):
         raise bad_policy(path, why)
@@ -166,9 +166,9 @@ def _policy(path: Path, parts: zipfile.ZipFile) -> Policy:
             "file": f"Stable-Baselines3 {version(parts)}, {name} ({kind.algorithms})",
             "observation": seen.shown,
             "action": space_text(path, actions),
-            "answer": _choice_ends(choices, squashed=squashed),
+            "answer": _answer_text(choices, squashed=squashed),
         },
-        _assumed(kind),
+        _mask_assumption(kind),
         box=seen.box,
         keys=seen.keys,
         shapes=seen.shapes,
@@ -176,7 +176,7 @@ def _policy(path: Path, parts: zipfile.ZipFile) -> Policy:
     )
 
 
-def _assumed(kind: _Kind) -> tuple[str, ...]:
+def _mask_assumption(kind: _Kind) -> tuple[str, ...]:
     if not kind.pairs:
         return ()
     return ("it is given no mask: what a shield does not permit the gate refuses",)
@@ -185,8 +185,8 @@ def _assumed(kind: _Kind) -> tuple[str, ...]:
 # ---------------------------------------------------------------- what the settings say
 
 
-def _kind(path: Path, data: Mapping[str, Any]) -> tuple[_Kind, str]:
-    """How the class of policies keeps its network, and its name."""
+def _policy_kind(path: Path, data: Mapping[str, Any]) -> tuple[_Kind, str]:
+    """How the policy's class keeps its network, and the name of the class."""
     value = decode_value(path, data.get("policy_class"))
     name = value.text if isinstance(value, Name) else "of its own"
     if name not in KINDS:
@@ -196,8 +196,8 @@ def _kind(path: Path, data: Mapping[str, Any]) -> tuple[_Kind, str]:
     return KINDS[name], name.rpartition(".")[2]
 
 
-def _options(path: Path, data: Mapping[str, Any]) -> dict[str, Any]:
-    """The `policy_kwargs`; X014 where one of them changes what is answered and is not read."""
+def _policy_options(path: Path, data: Mapping[str, Any]) -> dict[str, Any]:
+    """The `policy_kwargs`; X014 for one that changes the answer and is not read here."""
     options = decode_value(path, data.get("policy_kwargs"))
     if not isinstance(options, dict):
         raise bad_policy(path, "its `policy_kwargs` are no dict")
@@ -207,7 +207,7 @@ def _options(path: Path, data: Mapping[str, Any]) -> dict[str, Any]:
     return options
 
 
-def _activation(path: Path, kind: _Kind, options: Mapping[str, Any]) -> list[Layer]:
+def _activation_layers(path: Path, kind: _Kind, options: Mapping[str, Any]) -> list[Layer]:
     chosen = options.get("activation_fn")
     if chosen is None:
         return [kind.activation]
@@ -220,7 +220,7 @@ def _activation(path: Path, kind: _Kind, options: Mapping[str, Any]) -> list[Lay
     raise bad_policy(path, f"its activation is `{text[:60]}`", f"{known} are read", EXPORT)
 
 
-def _number(path: Path, options: Mapping[str, Any], name: str, default: float) -> float:
+def _number_option(path: Path, options: Mapping[str, Any], name: str, default: float) -> float:
     value = options.get(name, default)
     if not isinstance(value, (int, float)) or not abs(value) < NUMBERS_MAX:
         raise bad_policy(path, f"its `{name}` is no number")
@@ -232,16 +232,16 @@ def _number(path: Path, options: Mapping[str, Any], name: str, default: float) -
 
 def _layers(path: Path, kind: _Kind, options: Mapping[str, Any], weights: Tensors) -> list[Layer]:
     """The layers from the prepared observation to the last linear layer."""
-    activation = _activation(path, kind, options)
-    made: list[Layer] = [*_memory(path, kind, weights)]
+    activation = _activation_layers(path, kind, options)
+    made: list[Layer] = [*_lstm_layers(path, kind, weights)]
     for prefix in kind.hidden:
-        epsilon = _number(path, options, "batch_norm_eps", NORM_EPSILON)
-        made += _hidden(path, prefix, weights, activation, epsilon)
+        epsilon = _number_option(path, options, "batch_norm_eps", NORM_EPSILON)
+        made += _hidden_layers(path, prefix, weights, activation, epsilon)
     if not kind.last:
         if activation and made and made[-1] is activation[0]:
             made.pop()  # nothing follows the last of them
     elif f"{kind.last}.0.weight" in weights:  # of gSDE
-        limit = np.float32(_number(path, options, "clip_mean", MEAN_LIMIT))
+        limit = np.float32(_number_option(path, options, "clip_mean", MEAN_LIMIT))
         last = _linear(path, f"{kind.last}.0", weights)
         ends = np.full(last.bias.size, limit)
         made += [last, Clipped(-ends, ends)]
@@ -252,10 +252,10 @@ def _layers(path: Path, kind: _Kind, options: Mapping[str, Any], weights: Tensor
     return made
 
 
-def _hidden(
+def _hidden_layers(
     path: Path, prefix: str, weights: Tensors, activation: list[Layer], epsilon: float
 ) -> Iterator[Layer]:
-    """The layers of a `Sequential`: linear ones with activations, and normalising ones."""
+    """Yields the layers of a `Sequential`: linear ones with activations, and normalising ones."""
     numbers = {
         int(number)
         for key in weights
@@ -270,7 +270,7 @@ def _hidden(
             why = f"its layers `{prefix}...` are no linear ones with activations"
             raise bad_policy(path, why, EXPORT)
         yield from (
-            _normal(path, name, weights, epsilon) if normal else (_linear(path, name, weights),)
+            _renorm(path, name, weights, epsilon) if normal else (_linear(path, name, weights),)
         )
         if not normal:
             yield from activation
@@ -289,8 +289,8 @@ def _linear(path: Path, name: str, weights: Tensors) -> Affine:
     return Affine(weight, bias)
 
 
-def _normal(path: Path, name: str, weights: Tensors, epsilon: float) -> Iterator[Layer]:
-    """A `BatchRenorm` as it is in use, not in training."""
+def _renorm(path: Path, name: str, weights: Tensors, epsilon: float) -> Iterator[Layer]:
+    """Yields what a `BatchRenorm` does in use, not in training."""
     parts = _named_tensors(
         path, weights, [f"{name}.{k}" for k in ("ra_mean", "ra_var", "scale", "bias")]
     )
@@ -304,14 +304,14 @@ def _normal(path: Path, name: str, weights: Tensors, epsilon: float) -> Iterator
 
 
 def _named_tensors(path: Path, weights: Tensors, names: Sequence[str]) -> list[Floats]:
-    """The tensors of these names; X014 where one is missing."""
+    """The tensors of these names; X014 if one is missing."""
     if missing := [name for name in names if name not in weights]:
         raise bad_policy(path, f"it has no numbers `{missing[0]}`", EXPORT)
     return [weights[name] for name in names]
 
 
-def _memory(path: Path, kind: _Kind, weights: Tensors) -> Iterator[Layer]:
-    """The layers of an LSTM."""
+def _lstm_layers(path: Path, kind: _Kind, weights: Tensors) -> Iterator[Layer]:
+    """Yields the layers of an LSTM, if the policy has one."""
     count = 0
     while kind.memory and f"{kind.memory}weight_ih_l{count}" in weights:
         parts = ("weight_ih", "weight_hh", "bias_ih", "bias_hh")
@@ -331,10 +331,10 @@ def _memory(path: Path, kind: _Kind, weights: Tensors) -> Iterator[Layer]:
 # ---------------------------------------------------------------- the action
 
 
-def _choices(
+def _choice_layers(
     path: Path, kind: _Kind, actions: Made, last: Layer
 ) -> tuple[list[Layer], tuple[int, ...]]:
-    """The last layer and those that choose after it; the sizes of the choices, () for a Box."""
+    """The last layer with those that choose, and the sizes of the choices, () for a Box."""
     name = space_kind(actions)
     if name == "Box":
         if kind.values:
@@ -345,7 +345,7 @@ def _choices(
     if kind.squashed and kind is not _ARS:
         raise bad_policy(path, f"its action space is a {name}, which it cannot answer")
     if name == "MultiBinary":
-        count = bits(path, actions)
+        count = bit_count(path, actions)
         if not kind.pairs and isinstance(last, Affine):  # a bit is whether its number is above 0
             weight, bias = (np.stack([0.0 * x, x], axis=1) for x in (last.weight, last.bias))
             last = Affine(weight.reshape(-1, weight.shape[-1]), bias.reshape(-1))
@@ -364,9 +364,9 @@ def _choices(
     return [last, Affine(together, zeros), Elementwise("/", each_of)], sizes
 
 
-def _ending(path: Path, actions: Made, *, squashed: bool) -> list[Layer]:
-    """What `predict` does to the numbers of the last linear layer."""
-    low, high = (bound.astype(np.float32) for bound in bounds(path, actions))
+def _action_layers(path: Path, actions: Made, *, squashed: bool) -> list[Layer]:
+    """The layers for what `predict` does to the last numbers of a Box."""
+    low, high = (bound.astype(np.float32) for bound in box_bounds(path, actions))
     if not squashed:
         return [Clipped(low, high)]
     if not (np.isfinite(low).all() and np.isfinite(high).all()):
@@ -376,7 +376,7 @@ def _ending(path: Path, actions: Made, *, squashed: bool) -> list[Layer]:
     return [Tanh(), *scaled, Elementwise("+", low), Clipped(low, high)]
 
 
-def _choice_ends(choices: tuple[int, ...], *, squashed: bool) -> str:
+def _answer_text(choices: tuple[int, ...], *, squashed: bool) -> str:
     if choices:
         each = f", of {len(choices)} groups" if len(choices) > 1 else ""
         return f"the index of the largest number{each} (deterministic)"

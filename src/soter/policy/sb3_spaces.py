@@ -51,12 +51,12 @@ class ObservationLayout(NamedTuple):
 
 
 def space_kind(space: Made) -> str:
-    """The name of a space's class."""
+    """The name of a space's class, such as `Box`."""
     return space.name.rpartition(".")[2]
 
 
 def require_space(path: Path, space: object, which: str, kinds: Mapping[str, object]) -> Made:
-    """The space, which has to be of one of these kinds; SoterError X014."""
+    """The space, if it is of one of these kinds; else SoterError X014."""
     if not isinstance(space, Made) or not isinstance(space.state, dict):
         raise bad_policy(path, f"it does not say its {which}")
     if space_kind(space) not in kinds:
@@ -66,14 +66,14 @@ def require_space(path: Path, space: object, which: str, kinds: Mapping[str, obj
 
 
 def read_observation(path: Path, space: object) -> ObservationLayout:
-    """Reads what a policy observes from its space; SoterError X014 for any other space."""
+    """The layout of what a policy observes, from its space; SoterError X014 for other spaces."""
     made = require_space(path, space, "observation space", OBSERVED)
     return OBSERVED[space_kind(made)](path, made)
 
 
-def _box(path: Path, space: Made) -> ObservationLayout:
+def _box_observation(path: Path, space: Made) -> ObservationLayout:
     shape = space_shape(path, space)
-    low, high = bounds(path, space)
+    low, high = box_bounds(path, space)
     if len(shape) == 3 and low.dtype == np.uint8:
         raise bad_policy(path, f"its observations are images of shape {shape}", EXPORT)
     if low.size != math.prod(shape):
@@ -87,7 +87,7 @@ def _box(path: Path, space: Made) -> ObservationLayout:
 
 
 def space_shape(path: Path, space: Made) -> tuple[int, ...]:
-    """The axes of a Box; SoterError X014."""
+    """The axes of a Box; SoterError X014 if it has none."""
     shape = space.state.get("_shape")
     if not isinstance(shape, tuple) or not all(isinstance(n, int) and n > 0 for n in shape):
         raise bad_policy(path, f"a Box of it has the shape {shape!r:.60}")
@@ -100,8 +100,8 @@ def _choice_observation(path: Path, space: Made) -> ObservationLayout:
     return ObservationLayout(sizes, space_text(path, space), (low, high))
 
 
-def _bits(path: Path, space: Made) -> ObservationLayout:
-    count, n = bits(path, space), space.state.get("n")
+def _bits_observation(path: Path, space: Made) -> ObservationLayout:
+    count, n = bit_count(path, space), space.state.get("n")
     shapes = {"": n} if isinstance(n, tuple) and len(n) > 1 else {}
     box = np.zeros(count), np.ones(count)
     return ObservationLayout((0,) * count, space_text(path, space), box, shapes=shapes)
@@ -122,13 +122,13 @@ def _dict_observation(path: Path, space: Made) -> ObservationLayout:
     return ObservationLayout(
         tuple(size for part in parts.values() for size in part.sizes),
         ", ".join(f"`{name}` {part.shown}" for name, part in parts.items()),
-        _together([part.box for part in parts.values()]),
+        _joined_box([part.box for part in parts.values()]),
         tuple((name, len(part.sizes)) for name, part in parts.items()),
         {name: part.shapes[""] for name, part in parts.items() if part.shapes},
     )
 
 
-def _together(boxes: list[tuple[Doubles, Doubles] | None]) -> tuple[Doubles, Doubles] | None:
+def _joined_box(boxes: list[tuple[Doubles, Doubles] | None]) -> tuple[Doubles, Doubles] | None:
     """The bounds of all numbers as one pair of arrays; None if a number is unbounded."""
     known = [box for box in boxes if box is not None]
     if len(known) < len(boxes):
@@ -138,16 +138,16 @@ def _together(boxes: list[tuple[Doubles, Doubles] | None]) -> tuple[Doubles, Dou
 
 
 OBSERVED = {
-    "Box": _box,
+    "Box": _box_observation,
     "Discrete": _choice_observation,
     "MultiDiscrete": _choice_observation,
-    "MultiBinary": _bits,
+    "MultiBinary": _bits_observation,
     "Dict": _dict_observation,
 }
 
 
-def bounds(path: Path, space: Made) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
-    """The least and the largest of each number, (n,), of a Box; SoterError X014."""
+def box_bounds(path: Path, space: Made) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+    """The least and the largest of each number of a Box, (n,); SoterError X014."""
     low, high = (read_array(space.state.get(k)).reshape(-1) for k in ("low", "high"))
     if low.shape != high.shape or not low.size:
         raise bad_policy(path, "the bounds of a Box are not one for each number")
@@ -155,12 +155,12 @@ def bounds(path: Path, space: Made) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]
 
 
 def choice_counts(path: Path, space: Made) -> tuple[int, ...]:
-    """The numbers of choices of a Discrete or a MultiDiscrete, from 0 on; SoterError X014.
+    """How many choices a Discrete or each part of a MultiDiscrete has; SoterError X014.
 
-    X014, too, where they begin at another number.
+    X014, too, if they do not begin at 0.
     """
     if space_kind(space) == "Discrete":
-        sizes, starts = [whole(space, "n")], [whole(space, "start", 0)]
+        sizes, starts = [whole_number(space, "n")], [whole_number(space, "start", 0)]
     else:
         start = space.state.get("start")
         sizes = read_array(space.state.get("nvec")).reshape(-1).tolist()
@@ -172,18 +172,18 @@ def choice_counts(path: Path, space: Made) -> tuple[int, ...]:
     return tuple(sizes)
 
 
-def bits(path: Path, space: Made) -> int:
+def bit_count(path: Path, space: Made) -> int:
     """How many bits a MultiBinary has; SoterError X014."""
     n = space.state.get("n")
-    sizes = n if isinstance(n, tuple) else (whole(space, "n"),)
+    sizes = n if isinstance(n, tuple) else (whole_number(space, "n"),)
     count = math.prod(x if isinstance(x, int) and x > 0 else 0 for x in sizes)
     if not 0 < count <= NUMBERS_MAX // 100:
         raise bad_policy(path, "it does not say how many bits it has, or too many")
     return count
 
 
-def whole(space: Made, which: str, default: int = -1) -> int:
-    """An int of a Discrete: Python's in older files, NumPy's in newer ones."""
+def whole_number(space: Made, which: str, default: int = -1) -> int:
+    """An int of a Discrete, which is Python's in older files, NumPy's in newer ones."""
     value = space.state.get(which, default)
     if isinstance(value, Made):
         numbers = read_array(value)
@@ -192,17 +192,17 @@ def whole(space: Made, which: str, default: int = -1) -> int:
 
 
 def space_text(path: Path, space: Made) -> str:
-    """A space in a few words."""
+    """A space in a few words, such as `Discrete(4)`."""
     kind = space_kind(space)
     if kind == "MultiBinary":
-        return f"MultiBinary({bits(path, space)})"
+        return f"MultiBinary({bit_count(path, space)})"
     if kind != "Box":
         return f"{kind}({', '.join(map(str, choice_counts(path, space)))})"
-    low, high = bounds(path, space)
-    return f"Box of {low.size}: {', '.join(_intervals(low, high))}"
+    low, high = box_bounds(path, space)
+    return f"Box of {low.size}: {', '.join(_interval_texts(low, high))}"
 
 
-def _intervals(low: npt.NDArray[Any], high: npt.NDArray[Any]) -> Iterator[str]:
+def _interval_texts(low: npt.NDArray[Any], high: npt.NDArray[Any]) -> Iterator[str]:
     for a, b in zip(low[:8], high[:8], strict=True):
         yield f"[{a:g}, {b:g}]"
     if low.size > 8:

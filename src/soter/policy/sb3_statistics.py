@@ -32,7 +32,7 @@ CHECKPOINT = re.compile(r"(.+)_(\d+_steps)")
 
 
 def statistics_beside(path: Path) -> Path | None:
-    """The statistics that lie beside a policy; SoterError X014 where two may be meant."""
+    """The file of statistics beside a policy; SoterError X014 if two may be meant."""
     names = [name.format(path.stem) for name in OWN]
     if saved := CHECKPOINT.fullmatch(path.stem):
         names.append(f"{saved[1]}_vecnormalize_{saved[2]}.pkl")
@@ -40,14 +40,14 @@ def statistics_beside(path: Path) -> Path | None:
         files = [at for name in group if (at := path.parent / name).is_file()]
         if len(files) > 1:
             why = f"`{files[0].name}` and `{files[1].name}` lie beside it"
-            raise bad_policy(path, why, *_ways(path, files[0]))
+            raise bad_policy(path, why, *_naming_helps(path, files[0]))
         if files:
             return files[0]
     return None
 
 
-def _ways(path: Path, statistics: Path) -> tuple[str, ...]:
-    """Help lines: how to name the statistics that are meant."""
+def _naming_helps(path: Path, statistics: Path) -> tuple[str, ...]:
+    """Help lines on how to name the statistics that are meant."""
     named = statistics.name if statistics.parent == path.parent else statistics
     return (
         f'name them: "sb3:{path.name}:{named}", or `--statistics` of `soter policy`',
@@ -56,7 +56,7 @@ def _ways(path: Path, statistics: Path) -> tuple[str, ...]:
 
 
 def with_statistics(policy: Policy, named: Path | None) -> Policy:
-    """The policy with its statistics in front of it, or with what is assumed without them.
+    """The policy with its statistics as first layer, or with an assumption if there are none.
 
     SoterError X003, X014.
     """
@@ -81,12 +81,12 @@ def with_statistics(policy: Policy, named: Path | None) -> Policy:
 
 
 def _with_statistics_layer(policy: Policy, statistics: Path, facts: dict[str, str]) -> Policy:
-    """The policy with a layer of its statistics in front."""
-    state = _state(statistics)
+    """The policy with its statistics as first layer, or as a layer for each frame."""
+    state = _read_state(statistics)
     if not truth(statistics, state, "norm_obs"):
         facts["normalised"] = f"`{statistics.name}` says that observations are not (norm_obs)"
         return replace(policy, facts=facts)
-    layer = _statistics(statistics, state, policy.keys)
+    layer = _statistics_layer(statistics, state, policy.keys)
     size, inputs = layer.mean.size, policy.network.inputs
     facts["normalised"] = f"by `{statistics.name}`, clipped to {layer.limit.min():g}"
     if size == inputs:
@@ -96,11 +96,11 @@ def _with_statistics_layer(policy: Policy, statistics: Path, facts: dict[str, st
         facts["normalised"] += f", each of {inputs // size} frames before they are stacked"
         return replace(policy, facts=facts, per_frame=layer)
     why = f"it is of {numbers_text(size)}, the policy takes {inputs}"
-    raise bad_policy(statistics, why, *_ways(Path(policy.path), statistics)[1:])
+    raise bad_policy(statistics, why, *_naming_helps(Path(policy.path), statistics)[1:])
 
 
-def _state(path: Path) -> dict[str, Any]:
-    """What a VecNormalize keeps."""
+def _read_state(path: Path) -> dict[str, Any]:
+    """The attributes of the VecNormalize in a file."""
     made = read_pickle(read_policy_bytes(path))
     known = isinstance(made, Made) and made.name.partition(".")[0] == "stable_baselines3"
     state = made.state if known and made.name.endswith(".VecNormalize") else None
@@ -109,10 +109,10 @@ def _state(path: Path) -> dict[str, Any]:
     return state
 
 
-def _statistics(
+def _statistics_layer(
     path: Path, state: dict[str, Any], keys: tuple[tuple[str, int], ...]
 ) -> Standardised:
-    """The layer that does what it does to observations, by name in the order of the policy."""
+    """The layer that scales observations as VecNormalize does; `keys`: their order by name."""
     epsilon, limit = state.get("epsilon"), state.get("clip_obs")
     if not (isinstance(epsilon, (int, float)) and isinstance(limit, (int, float)) and limit > 0):
         raise bad_policy(path, "its `epsilon` and `clip_obs` are no positive numbers")
@@ -124,15 +124,15 @@ def _statistics(
     if unknown := sorted(set(by_name) - set(counts)):
         raise bad_policy(path, f"it is of `{unknown[0][:40]}`, which the policy does not observe")
     blocks = [
-        _block(path, by_name.get(key), count, epsilon, limit) for key, count in counts.items()
+        _scaling(path, by_name.get(key), count, epsilon, limit) for key, count in counts.items()
     ]
     return Standardised(*(np.concatenate(column) for column in zip(*blocks, strict=True)))
 
 
-def _block(
+def _scaling(
     path: Path, moments: object, count: int, epsilon: float, limit: float
 ) -> tuple[Doubles, Doubles, Doubles]:
-    """Mean, deviation and limit, (n,) each, of one observation; without moments it stays as is."""
+    """Mean, deviation and limit, (n,) each, of one observation; without moments none is changed."""
     if moments is None:
         return np.zeros(count), np.ones(count), np.full(count, np.inf)
     if not isinstance(moments, Made) or not isinstance(moments.state, dict):

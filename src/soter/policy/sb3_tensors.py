@@ -14,7 +14,7 @@ import numpy as np
 
 from soter.policy.pickle_data import Made, Name, Persistent, read_pickle
 from soter.policy.policy_errors import bad_policy
-from soter.policy.sb3_zip import open_zip, part
+from soter.policy.sb3_zip import open_zip, zip_part
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -23,40 +23,37 @@ if TYPE_CHECKING:
     from soter.policy.network import Floats
 
 
-def tensors(path: Path, data: bytes) -> dict[str, Floats]:
-    """The float32 tensors of a `state_dict` that `torch.save` wrote, by name, each in its shape.
-
-    SoterError X014.
-    """
+def read_tensors(path: Path, data: bytes) -> dict[str, Floats]:
+    """The float32 tensors in the zip that `torch.save` wrote, by name; SoterError X014."""
     with open_zip(path, data, "its part `policy.pth` is no zip of `torch.save`") as parts:
         names = [n for n in parts.namelist() if n.endswith("/data.pkl")]
         if len(names) != 1:
             raise bad_policy(path, "its part `policy.pth` is no file of `torch.save`")
         folder = names[0].removesuffix("data.pkl")
         order = f"{folder}byteorder"
-        if order in parts.namelist() and part(path, parts, order) != b"little":
+        if order in parts.namelist() and zip_part(path, parts, order) != b"little":
             raise bad_policy(path, "its tensors are big-endian, which are not read here")
-        state = read_pickle(part(path, parts, names[0]))
+        state = read_pickle(zip_part(path, parts, names[0]))
         if not isinstance(state, Made):
             raise bad_policy(path, "its part `policy.pth` holds no tensors by name")
-        read = cache(partial(part, path, parts))  # of one part there may be many tensors
+        read = cache(partial(zip_part, path, parts))  # of one part there may be many tensors
         return {
-            name: _tensor(path, read, folder, made)
+            name: _read_tensor(path, read, folder, made)
             for name, made in state.items.items()
-            if isinstance(made, Made) and not _counts(made)
+            if isinstance(made, Made) and not _is_counter(made)
         }
 
 
-def _counts(made: Made) -> bool:
-    """Whether it is a tensor of whole numbers, which counts something and holds no weights."""
+def _is_counter(made: Made) -> bool:
+    """Whether a tensor holds whole numbers: it counts something, and is no weight."""
     storage = made.arguments[0] if made.arguments else None
     about = storage.about if isinstance(storage, Persistent) else ()
     kind = about[1] if isinstance(about, tuple) and len(about) > 1 else None
     return isinstance(kind, Name) and kind.text == "torch.LongStorage"
 
 
-def _tensor(path: Path, read: Callable[[str], bytes], folder: str, made: Made) -> Floats:
-    """The numbers of one tensor."""
+def _read_tensor(path: Path, read: Callable[[str], bytes], folder: str, made: Made) -> Floats:
+    """The numbers of one tensor, in its shape."""
     try:
         storage, offset, size, stride = made.arguments[:4]
         assert isinstance(storage, Persistent)

@@ -28,7 +28,7 @@ EXPORT = "export it as ONNX: `soter explain X014` has the lines"
 
 
 def open_zip(path: Path, data: bytes, otherwise: str) -> zipfile.ZipFile:
-    """The parts of a zip; X014 in the words of `otherwise` where Python reads none."""
+    """The zip in these bytes; X014 with the text `otherwise` if there is none."""
     if data.count(b"PK\1\2") > PARTS_MAX:
         raise bad_policy(path, f"it has more than {PARTS_MAX:,} parts")
     try:
@@ -40,8 +40,8 @@ def open_zip(path: Path, data: bytes, otherwise: str) -> zipfile.ZipFile:
     return parts
 
 
-def part(path: Path, parts: zipfile.ZipFile, name: str) -> bytes:
-    """A part, unpacked; X014 where it is missing, damaged or larger than is read."""
+def zip_part(path: Path, parts: zipfile.ZipFile, name: str) -> bytes:
+    """A part of the zip, unpacked; X014 if it is missing, damaged or too large."""
     try:
         with parts.open(name) as stream:
             data = stream.read(PART_MAX + 1)
@@ -55,9 +55,9 @@ def part(path: Path, parts: zipfile.ZipFile, name: str) -> bytes:
 
 
 def settings(path: Path, parts: zipfile.ZipFile) -> dict[str, Any]:
-    """The settings of the policy, from its JSON, by name; X014 where there is none."""
+    """The settings of the policy by name, from its JSON; X014 if it has none."""
     try:
-        data = json.loads(part(path, parts, "data"))
+        data = json.loads(zip_part(path, parts, "data"))
     except (ValueError, RecursionError) as error:
         raise bad_policy(path, f"its part `data` is no JSON: {error}") from error
     if not isinstance(data, dict):
@@ -66,7 +66,7 @@ def settings(path: Path, parts: zipfile.ZipFile) -> dict[str, Any]:
 
 
 def version(parts: zipfile.ZipFile) -> str:
-    """The version of the library that saved it."""
+    """The version of Stable-Baselines3 that wrote the file."""
     try:
         with parts.open("_stable_baselines3_version") as stream:
             text = stream.read(20).decode("ascii", "replace").strip()
@@ -76,7 +76,7 @@ def version(parts: zipfile.ZipFile) -> str:
 
 
 def decode_value(path: Path, value: object) -> Any:  # noqa: ANN401 - whatever it holds
-    """A value of `data`, from JSON or from its pickle; SoterError X014, PickleError."""
+    """A value of the settings, from JSON or its pickle; SoterError X014, PickleError."""
     if not isinstance(value, dict) or ":serialized:" not in value:
         return value
     try:
@@ -86,7 +86,7 @@ def decode_value(path: Path, value: object) -> Any:  # noqa: ANN401 - whatever i
 
 
 def truth(path: Path, data: Mapping[str, Any], name: str, *, default: bool | None = None) -> bool:
-    """A setting that is True or False; X014 of anything else, which Python may take as either."""
+    """A setting that is True or False; X014 for others, which Python may take as either."""
     value = data.get(name, default)
     if not isinstance(value, bool):
         raise bad_policy(path, f"its `{name}` is neither True nor False", EXPORT)

@@ -73,36 +73,36 @@ class _Numbers:
 
 
 def error_bound(network: Network, low: Doubles, high: Doubles) -> Doubles:
-    """|float64 - float32| at most, (outputs,); low, high: (inputs,), of what is observed.
+    """A bound of |float64 - float32|, (outputs,), for observations in [low, high], (inputs,).
 
-    Infinite where numbers may be too large for float32, or of layers that are not written as
-    Soter (`not_written`). With low == high it is the bound of one
-    observation. The float32 computation begins with the observation rounded to float32.
+    Infinite if numbers may be too large for float32, or for layers that are not written as Soter
+    (`unwritable_part`). With low == high it is the bound of one observation. The float32
+    computation begins with the observation rounded to float32.
     """
-    if not_written(network):
+    if unwritable_part(network):
         return np.full(network.outputs, np.inf)
     with np.errstate(over="ignore", invalid="ignore"):
-        x = _observation_text(low, high)
+        x = _observation_error(low, high)
         for layer in network.layers:
-            x = _layer_text(layer, x)
+            x = _layer_error(layer, x)
         bound = (x.single + x.double) * SLACK
     return np.where(np.isfinite(bound), bound, np.inf)
 
 
-def _observation_text(low: Doubles, high: Doubles) -> _Numbers:
+def _observation_error(low: Doubles, high: Doubles) -> _Numbers:
     largest = np.maximum(np.abs(low), np.abs(high))
-    return _Numbers(low, high, _overflown(largest, SINGLE * largest + SINGLE_TINY), 0.0 * largest)
+    return _Numbers(low, high, _or_inf(largest, SINGLE * largest + SINGLE_TINY), 0.0 * largest)
 
 
-def _overflown(largest: Doubles, error: Doubles) -> Doubles:
+def _or_inf(largest: Doubles, error: Doubles) -> Doubles:
     return np.where(largest + error < SINGLE_LARGE, error * SLACK, np.inf)
 
 
-def _layer_text(layer: Layer, x: _Numbers) -> _Numbers:
+def _layer_error(layer: Layer, x: _Numbers) -> _Numbers:
     if isinstance(layer, Affine):
-        return _affine(layer, x)
+        return _affine_error(layer, x)
     if isinstance(layer, Tanh):
-        return _tanh(x)
+        return _tanh_error(x)
     if isinstance(layer, Relu):
         return _Numbers(np.maximum(x.low, 0.0), np.maximum(x.high, 0.0), x.single, x.double)
     if isinstance(layer, Clipped):
@@ -115,17 +115,17 @@ def _layer_text(layer: Layer, x: _Numbers) -> _Numbers:
         ]
         return _Numbers(ends[0], ends[1], x.single, x.double + np.maximum(*moved))
     if isinstance(layer, Standardised):
-        return _standardised_text(layer, x)
-    assert isinstance(layer, Elementwise)  # others are not written (`not_written`)
-    return _elementwise(layer, x)
+        return _standardised_error(layer, x)
+    assert isinstance(layer, Elementwise)  # others are not written (`unwritable_part`)
+    return _elementwise_error(layer, x)
 
 
 def _gamma(roundings: int, unit: float) -> float:
-    """The relative error of a product after so many roundings, at most."""
+    """The largest relative error of a product after this many roundings."""
     return roundings * unit / (1.0 - roundings * unit)
 
 
-def _affine(layer: Affine, x: _Numbers) -> _Numbers:
+def _affine_error(layer: Affine, x: _Numbers) -> _Numbers:
     weight, bias = layer.weight.astype(np.float64), layer.bias.astype(np.float64)
     sizes, count = np.abs(weight), layer.weight.shape[1] + 1
     positive, negative = np.maximum(weight, 0.0), np.minimum(weight, 0.0)
@@ -139,10 +139,10 @@ def _affine(layer: Affine, x: _Numbers) -> _Numbers:
     # the ends of the exact range, computed here, are widened by what their own sums can have lost
     rounding = _gamma(2 * count, DOUBLE) * (sizes @ x.largest + np.abs(bias)) + count * DOUBLE_TINY
     largest = sizes @ (x.largest + x.single) + np.abs(bias)
-    return _Numbers(low - rounding, high + rounding, _overflown(largest, error[0]), error[1])
+    return _Numbers(low - rounding, high + rounding, _or_inf(largest, error[0]), error[1])
 
 
-def _tanh(x: _Numbers) -> _Numbers:
+def _tanh_error(x: _Numbers) -> _Numbers:
     error = []
     for before, rounding in ((x.single, TANH_SINGLE), (x.double, TANH_DOUBLE)):
         nearest = np.maximum(np.maximum(x.low - before, -(x.high + before)), 0.0)
@@ -152,7 +152,7 @@ def _tanh(x: _Numbers) -> _Numbers:
     return _Numbers(low, high, error[0], error[1])
 
 
-def _elementwise(layer: Elementwise, x: _Numbers) -> _Numbers:
+def _elementwise_error(layer: Elementwise, x: _Numbers) -> _Numbers:
     operand = layer.operand.astype(np.float64)
     if layer.operation in "+-":
         shift = operand if layer.operation == "+" else -operand
@@ -170,11 +170,11 @@ def _elementwise(layer: Elementwise, x: _Numbers) -> _Numbers:
         error.append((np.abs(factor) * before + _gamma(1, unit) * size + tiny) * SLACK)
     rounding = 4.0 * DOUBLE * (np.abs(factor) * x.largest + np.abs(shift)) + DOUBLE_TINY
     size = np.abs(factor) * (x.largest + x.single) + np.abs(shift)
-    return _Numbers(ends[0] - rounding, ends[1] + rounding, _overflown(size, error[0]), error[1])
+    return _Numbers(ends[0] - rounding, ends[1] + rounding, _or_inf(size, error[0]), error[1])
 
 
-def _standardised_text(layer: Standardised, x: _Numbers) -> _Numbers:
-    """In float64 on both sides: the float32 one rounds what goes in and what comes out."""
+def _standardised_error(layer: Standardised, x: _Numbers) -> _Numbers:
+    """The errors of a layer that both sides compute in float64, one from float32 to float32."""
     deviation, limit = layer.deviation, layer.limit
     error = []
     for before in (x.single, x.double):
@@ -193,8 +193,8 @@ WEIGHTS_MAX = 50_000
 COLUMNS = 96
 
 
-def not_written(network: Network) -> str:
-    """The part of a network that cannot be written as Soter, in words; "" where there is none."""
+def unwritable_part(network: Network) -> str:
+    """The part of a network that cannot be written as Soter, in words; "" if there is none."""
     if any(isinstance(layer, Lstm) for layer in network.layers):
         return "memory (an LSTM)"
     if names := [layer.name for layer in network.layers if isinstance(layer, Activation)]:
@@ -205,13 +205,13 @@ def not_written(network: Network) -> str:
 
 
 def soter_source(policy: Policy, notes: Sequence[str]) -> str:
-    """The text; `notes`: lines of its comment. SoterError X014 where it cannot be written.
+    """The policy in Soter; `notes`: lines of its comment. SoterError X014 if it cannot be written.
 
     It has `fun act(x: float[inputs]): float[outputs]`; a choice is an `int in [0, n-1]` instead.
     """
     network = policy.network
     ask = "ask it in its own process: `extern` in the program"
-    if unwritten := not_written(network):
+    if unwritten := unwritable_part(network):
         raise bad_policy(policy.path, f"it has {unwritten}, not written as a function", ask)
     if network.weights > WEIGHTS_MAX:
         why = f"it has {network.weights:,} weights: up to {WEIGHTS_MAX:,} are written as tables"
@@ -223,7 +223,7 @@ def soter_source(policy: Policy, notes: Sequence[str]) -> str:
     steps: list[str] = []
     size, at = network.inputs, "x"
     for number, layer in enumerate(network.layers, 1):
-        made, body = _layer(layer, number, size, at)
+        made, body = _layer_code(layer, number, size, at)
         constants += made
         steps += body
         at = f"h{number}"
@@ -237,20 +237,20 @@ def soter_source(policy: Policy, notes: Sequence[str]) -> str:
         "",
         f"fun act(x: float[{network.inputs}]): {result} {{",
         *steps,
-        *(_chosen(at, size) if network.choices else [f"  return {at};"]),
+        *(_choice_code(at, size) if network.choices else [f"  return {at};"]),
         "}",
     ]
     return "\n".join(lines) + "\n"
 
 
-def _chosen(at: str, size: int) -> Iterator[str]:
+def _choice_code(at: str, size: int) -> Iterator[str]:
     yield f"  var best: int in [0, {size - 1}] = 0;"
     yield f"  for i in 1 .. {size} {{ if {at}[i] > {at}[best] {{ best = i; }} }}"
     yield "  return best;"
 
 
-def _layer(layer: Layer, number: int, size: int, at: str) -> tuple[list[str], list[str]]:
-    """Constants and statements: `h{number}` is made of `at`, which has `size` numbers."""
+def _layer_code(layer: Layer, number: int, size: int, at: str) -> tuple[list[str], list[str]]:
+    """Constants and statements that make `h{number}` of `at`, which has `size` numbers."""
     here, letter = f"h{number}", f"L{number}"
     if isinstance(layer, Affine):
         rows = layer.weight.shape[0]
@@ -289,28 +289,28 @@ def _layer(layer: Layer, number: int, size: int, at: str) -> tuple[list[str], li
 
 
 def _finite(array: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Write infinite bounds as the largest float64, which no finite sum exceeds."""
+    """The array with its infinite bounds replaced by the largest float64."""
     return np.nan_to_num(array, posinf=sys.float_info.max, neginf=-sys.float_info.max)
 
 
-def _number(value: float) -> str:
-    """A float64 to the last bit, as the language writes it."""
+def _soter_number(value: float) -> str:
+    """A float64 as the language writes it, exact to the last bit."""
     text = repr(float(value))
     return text if any(c in text for c in ".e") else f"{text}.0"
 
 
 def _table(name: str, array: npt.NDArray[np.float32] | npt.NDArray[np.float64]) -> list[str]:
-    """A constant: numbers of a vector, or rows of a matrix."""
+    """The lines of a constant vector or matrix."""
     kind = "".join(f"[{n}]" for n in reversed(array.shape))
     if array.ndim == 1:
         return [
             f"const {name}: float{kind} = [",
-            *_wrapped_lines(map(_number, array.tolist())),
+            *_wrapped_lines(map(_soter_number, array.tolist())),
             "];",
         ]
     lines = [f"const {name}: float{kind} = ["]
     for row in array.tolist():
-        lines += ["  [", *("  " + line for line in _wrapped_lines(map(_number, row))), "  ],"]
+        lines += ["  [", *("  " + line for line in _wrapped_lines(map(_soter_number, row))), "  ],"]
     return [*lines, "];"]
 
 

@@ -41,8 +41,8 @@ from soter.language.model.types import (
 from soter.language.model.values import ValueShapeError, from_python, to_python, without_ranges
 from soter.native.c_interface import declarations, interface
 from soter.native.cache import cached, digest
-from soter.native.compiler import DEFECT, STRICT, compile_with, find
-from soter.native.shared_library import CHECK_FAILED, OWN_SYMBOLS, RUNTIME, include_flags, texts
+from soter.native.compiler import DEFECT, STRICT, compile_with, find_compiler
+from soter.native.shared_library import CHECK_FAILED, OWN_SYMBOLS, RUNTIME, c_texts, include_flags
 from soter.targets import CHANNELS, CHANNELS_SCHEMA, TRUSTED
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ ANEW = "stop everything that uses the folder, empty it, start anew"
 @lru_cache(maxsize=1)
 def compiled_library() -> tuple[Any, Any]:
     """Gives cffi and the library; SoterError X004, X005 where nothing compiles here."""
-    compiler = find()
+    compiler = find_compiler()
     flags = (*STRICT, "-O2", "-fPIC", "-shared", *OWN_SYMBOLS)
 
     def make(work: Path) -> None:
@@ -73,7 +73,7 @@ def compiled_library() -> tuple[Any, Any]:
         command = [*compiler.command, *flags, *sources]
         compile_with(command, work, "channels do not compile: they need Linux", (DEFECT,))
 
-    content = digest((compiler.identity, *flags, *texts(*SOURCES)))
+    content = digest((compiler.identity, *flags, *c_texts(*SOURCES)))
     built = cached("channels", content, (LIBRARY,), make) / LIBRARY
     headers = [declarations(POSIX / n) for n in ("soter_channel.h", "soter_outside.h")]
     ffi = interface(*headers)

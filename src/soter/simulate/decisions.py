@@ -1,10 +1,10 @@
 """What decision modules of a run saw and did, why, and where SC would have led from there.
 
-Purpose: `steps` gives every DM step of a trace, and `change_records` every change of mode, as plain
-records for logs, reports and terminals. For a decision module with `rest`, `TubeLooks` compiles the
-predicates of a system and asks them again about a state, with a note behind each call of `flow`,
-`safe`, `rests` and `settles` (`verify/tubes/*.soter`): boxes of the tube, and the part that is not
-shown. All arithmetic is that of the C that flies.
+Purpose: `decision_steps` gives every DM step of a trace, and `change_records` every change of mode,
+as plain records for logs, reports and terminals. For a decision module with `rest`, `TubeLooks`
+compiles the predicates of a system and asks them again about a state, with a note behind each call
+of `flow`, `safe`, `rests` and `settles` (`verify/tubes/*.soter`): boxes of the tube, and the part
+that is not shown. All arithmetic is that of the C that flies.
 Non-goals: deciding (the generated DM did), drawing (`report/run/where_sc_leads.py`).
 """
 
@@ -120,20 +120,20 @@ class TubeLook:
     failed: int
 
 
-def _judgement(m: Module, name: str) -> str:
-    """The C that asks the predicates of a module."""
+def _predicate_query(m: Module, name: str) -> str:
+    """The C that asks whether a module's predicates call the estimate good."""
     ttf, safer = (f"{name}_{p}(state, &nan)" for p in ("ttf", "safer"))
     good = f"!{ttf}" if m.shield is None else f"judged ? !{ttf} : {safer}"
     return f"if (m == {m.index}) {{ good = {good}; }}"
 
 
 class TubeLooks:
-    """The checks of a system's modules; `SoterError`, `OSError` where they cannot be compiled."""
+    """The compiled checks of a system's modules; `SoterError`, `OSError` if they do not compile."""
 
     def __init__(self, system: System, modules: Sequence[Module]) -> None:
         self.modules = modules
         arguments = {m.index: calls_in(m.symbol.safer)[0].arguments for m in self.modules}
-        followed = {m: [a for a in of if not _is_map_number(a)] for m, of in arguments.items()}
+        followed = {m: [a for a in of if not _is_of_map(a)] for m, of in arguments.items()}
         self.names = {m: tuple([leaf_path_name(a) for a in every]) for m, every in followed.items()}
         """The names of what a module's check reads, one for each state that it follows."""
         units = {m: [getattr(a.type, "unit", "") for a in of] for m, of in followed.items()}
@@ -146,7 +146,7 @@ class TubeLooks:
         for m in self.modules:
             early = published_before(system, m.dm)
             self._late[m.index] = [t.name for t in system.topics if t.index not in early]
-        cases = [_judgement(m, builder.module_names[m.index]) for m in self.modules]
+        cases = [_predicate_query(m, builder.module_names[m.index]) for m in self.modules]
         source += _query_function(unit.prefix, cases)
         loaded = ctypes.CDLL(str(library(replace(unit, source=source), "-O1")))
         self._ask = getattr(loaded, f"{unit.prefix}_led")
@@ -173,7 +173,7 @@ class TubeLooks:
         return TubeLook(boxes, failed.value)
 
     def failure_words(self, module: Module, led: TubeLook) -> str:
-        """Words on the part that failed, and where; for a good look on when SC comes to rest."""
+        """Says which part failed, and where; for a good look, when SC comes to rest."""
         until = float(led.boxes[:, 2].max(initial=0.0))
         if led.failed == GOOD:
             return f"SC would be at rest {until:.3g} s after the estimate at the latest"
@@ -181,7 +181,7 @@ class TubeLooks:
             return f"what may happen from {until:.3g} s after the estimate on is not bounded"
         rest = module.symbol.rest
         assert rest is not None
-        read = tuple(_paths(rest.condition if led.failed == REST else module.symbol.safe))
+        read = tuple(_leaf_names(rest.condition if led.failed == REST else module.symbol.safe))
         _, start_s, end_s, *ends = led.boxes[-1].tolist()
         where = ", ".join(
             f"{name} in [{low:.4g}, {high:.4g}]"
@@ -192,7 +192,7 @@ class TubeLooks:
 
 
 def compile_looks(system: System) -> TubeLooks | None:
-    """The looks of modules with `rest` and one plan; None: there is none, or no compiler."""
+    """The looks of modules with `rest` and one plan; None if there are none, or no compiler."""
     modules = [m for m in _followed_modules(system) if m.computed]
     with contextlib.suppress(SoterError, OSError):
         return TubeLooks(system, modules) if modules else None
@@ -203,7 +203,7 @@ def _followed_modules(system: System) -> list[Module]:
     return [m for m in system.modules if m.symbol.rest is not None and m.plan is None]
 
 
-def _is_map_number(e: typed.TypedExpr) -> bool:
+def _is_of_map(e: typed.TypedExpr) -> bool:
     """Whether an expression is a number of a map, which no tube moves."""
     while isinstance(e, (typed.TypedField, typed.Index)):
         e = e.target
@@ -211,18 +211,18 @@ def _is_map_number(e: typed.TypedExpr) -> bool:
     return e.topic.static
 
 
-def _paths(e: object) -> Iterator[str]:
-    """The names of the leaves of topics that an expression reads."""
+def _leaf_names(e: object) -> Iterator[str]:
+    """Yields the names of the topic leaves that an expression reads."""
     if isinstance(e, (typed.TopicRead, typed.TypedField, typed.Index)):
         with contextlib.suppress(AssertionError):
             yield leaf_path_name(e)
             return
     for x in children(e):
-        yield from _paths(x)
+        yield from _leaf_names(x)
 
 
 def _query_function(prefix: str, cases: Sequence[str]) -> str:
-    """The C function that Python calls."""
+    """The C function that Python calls to follow a module's tube."""
     return f"""
 int {prefix}_led(int m, bool judged, const void *state, double *rows, int width, int *failed) {{
   bool nan = false, good = false;
@@ -249,7 +249,7 @@ def _watch_functions(source: str, builder: UnitBuilder) -> str:
 
 
 def _watch_function(source: str, name: str, before: str, after: str) -> str:
-    """The C with a function replaced by one that calls it and notes what it returned."""
+    """The C, in which a function also notes what it returned."""
     signature = rf"^SOTER_INLINE\s+([\w\s]+?)\s{name}\(([^)]*)\)\s*{{$"  # lines end where they like
     found = re.search(signature, source, re.MULTILINE)
     assert found is not None, name
@@ -334,7 +334,7 @@ def change_records(
 
 
 def _failed_parts(system: System, changes: Sequence[ModeChange]) -> dict[int, str]:
-    """The failed parts of tubes, by number of the change; empty without a compiler of C."""
+    """The part of the tube that failed, by number of the change; {} without a C compiler."""
     rests, every = [m.index for m in _followed_modules(system)], enumerate(changes)
     lost = [(k, c) for k, c in every if c.to != "AC" and c.ttf and c.states and c.module in rests]
     looks = compile_looks(system) if lost else None
@@ -359,20 +359,20 @@ def change_record(
     why = None
     if explainer is not None and change.states is not None:
         why = explainer.explain(change.module, *change.states)
-    text = reason(before, after, saw)
+    text = decision_reason(before, after, saw)
     margin_s = _margin_s(module, after, saw)
     return DecisionStepRecord(
         change.time_ns, module.name, before, after, saw, text, margin_s=margin_s, why=why
     )
 
 
-def steps(
+def decision_steps(
     system: System,
     states: npt.NDArray[Any],
     earlier: Any = None,  # noqa: ANN401 - a state
     explainer: Explainer | None = None,
 ) -> Iterator[DecisionStepRecord]:
-    """Every DM step of consecutive states, (n,), in order of time, ties by module.
+    """Yields every DM step of consecutive states, (n,), in order of time, then of modules.
 
     `earlier`: the state before the first, None at the start of a run. With an `explainer` a step
     that saw or did something else than the one before has the values, and one of a module with
@@ -387,9 +387,9 @@ def steps(
             if due[row, module.index]:
                 seen = None if before is None else before["modules"]
                 waits = _latch_wait(module, states[row])
-                decision = _step(modules[row], seen, module, int(times_ns[row]), waits)
+                decision = _step_record(modules[row], seen, module, int(times_ns[row]), waits)
                 raw = None if before is None else before.tobytes()
-                if explainer is not None and _differs(modules[row], seen, module.index):
+                if explainer is not None and _has_changed(modules[row], seen, module.index):
                     why = explainer.explain(module.index, raw, states[row].tobytes())
                     decision = replace(decision, why=why)
                 if explainer is not None and module.symbol.rest is not None:
@@ -401,8 +401,8 @@ def steps(
                 yield decision
 
 
-def margins(system: System, module: Module, states: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
-    """margin(M) after every instant of a whole run, (n,), in s; `states` (n,) from its start."""
+def margins_s(system: System, module: Module, states: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+    """margin(M) in s after every instant, (n,); `states`, (n,), from the start of the run."""
     now, of = states["header"]["ct"], states["modules"][:, module.index]
     due = decided_rows(system, states)[:, module.index]
     last = np.maximum.accumulate(np.where(due, now, np.iinfo(np.int64).min // 2))
@@ -414,7 +414,7 @@ def margins(system: System, module: Module, states: npt.NDArray[Any]) -> npt.NDA
 
 
 def latch_rows(module: Module, states: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
-    """Whether a module's latch lets AC have no control, (n,), after each of `states`, (n,)."""
+    """Whether a module's latch keeps AC from control, (n,), after each of `states`, (n,)."""
     in_sc = states["modules"]["mode"][:, module.index] == 0
     if module.latch is None:
         return np.zeros_like(in_sc)
@@ -427,7 +427,7 @@ def latch_rows(module: Module, states: npt.NDArray[Any]) -> npt.NDArray[np.bool_
 
 
 def _latch_wait(module: Module, state: Any) -> str:  # noqa: ANN401 - a state
-    """What the latch of a module waits for after an instant; "" where AC may have control."""
+    """What a module's latch waits for after an instant; "" if AC may have control."""
     if module.latch is None or not latch_rows(module, state.reshape(1))[0]:
         return ""
     if not module.symbol.acknowledgements:
@@ -437,7 +437,7 @@ def _latch_wait(module: Module, state: Any) -> str:  # noqa: ANN401 - a state
     return f"latched: waits for {name} to be {'' if released else 'released and '}pressed"
 
 
-def _step(
+def _step_record(
     modules: Any,  # noqa: ANN401 - rows of modules
     before: Any,  # noqa: ANN401
     module: Module,
@@ -458,34 +458,34 @@ def _step(
     )
     was: Mode = "AC" if was_ac else "SC"
     after: Mode = "AC" if now["mode"] else "SC"
-    why = "the system forces this mode" if module.forced else reason(was, after, saw)
+    why = "the system forces this mode" if module.forced else decision_reason(was, after, saw)
     return DecisionStepRecord(
         time_ns, module.name, was, after, saw, why, _margin_s(module, after, saw)
     )
 
 
 def _margin_s(module: Module, after: Mode, saw: PredicateValues) -> float:
-    """For how long AC surely keeps control from this step on."""
+    """For how many seconds AC surely keeps control from this step on."""
     unsafe = saw.ttf or saw.stale or saw.gate_fault
     looks = module.looks_left(unsafe=unsafe, safer=saw.safer)
     return module.margin_ns(looks, 0) / 1e9 if after == "AC" else 0.0
 
 
-def _differs(now: Any, before: Any, module: int) -> bool:  # noqa: ANN401 - rows of modules
-    """Whether a step saw or did something else than the one before."""
+def _has_changed(now: Any, before: Any, module: int) -> bool:  # noqa: ANN401 - rows of modules
+    """Whether a step saw or did something else than the step before."""
     facts = ["mode", "ttf", "safer", "stale", "saw_gate_fault"]
     return before is None or bool(now[module][facts] != before[module][facts])
 
 
-def reason(before: Mode, after: Mode, saw: PredicateValues) -> str:
-    """Words on why a DM step decided as it did; "" where there is nothing to say."""
+def decision_reason(before: Mode, after: Mode, saw: PredicateValues) -> str:
+    """Says why a DM step decided as it did; "" if there is nothing to say."""
     if after == "SC":
         return " and ".join(_objections(saw, staying=before == "SC"))
     return "safer: far enough inside φ_safe" if before == "SC" else ""
 
 
 def _objections(saw: PredicateValues, *, staying: bool) -> Iterator[str]:
-    """The reasons against AC having control, in words."""
+    """Yields the reasons against AC's control, in words."""
     if saw.ttf and not staying:
         yield "ttf: must hold wherever φ_safe could be left within 2Δ (`soter verify` checks that)"
     if saw.stale:

@@ -109,7 +109,7 @@ class DecisionReason:
     led: str = ""
 
     def words(self, before: str, after: str) -> list[str]:
-        """The reasons in words, one phrase each; empty where AC just stays."""
+        """The reasons in words, one phrase each; empty if AC only stays."""
         if after == "AC":
             return [str(p) for p in self.safer] if before == "SC" else []
         phrases = [str(s) for s in self.stale]
@@ -133,7 +133,7 @@ class TopicRead(NamedTuple):
 
 
 class Explainer:
-    """Explains DM steps of runs of one system; compiles each predicate when it is asked for."""
+    """Explains DM steps of a system; compiles a module's predicates when it first asks for them."""
 
     def __init__(self, system: System, layout: StateLayout) -> None:
         self.system = system
@@ -148,7 +148,7 @@ class Explainer:
         return self._reader(module).explain(before, at)
 
     def reads(self, module: int, before: bytes | None, at: bytes) -> tuple[TopicRead, ...]:
-        """Reads of that DM step; none if steps come in any order, as they are not known then."""
+        """The reads of that DM step; () if steps come in any order, as they are unknown then."""
         return () if self.system.shuffled else self._reader(module).reads(before, at)
 
     def _reader(self, module: int) -> _PredicateReader:
@@ -159,16 +159,16 @@ class Explainer:
         return self._readers[module]
 
     def safe(self, module: int) -> Callable[[bytes], bool] | None:
-        """A function: whether a module's `safe` holds on the topics of a state; a fault: no.
+        """A function that says whether `safe` holds on the topics of a state; a fault counts as no.
 
-        None where `safe` calls an extern function.
+        None if `safe` calls an extern function.
         """
         reader = _PredicateReader(self.system, self.layout, self.system.modules[module])
         return reader.safe()
 
 
 class _PredicateReader:
-    """The predicates of one module, compiled, and where their values lie."""
+    """The compiled predicates of one module, and what its DM reads."""
 
     def __init__(self, system: System, layout: StateLayout, module: Module) -> None:
         self.system, self.layout, self.module = system, layout, module
@@ -187,7 +187,7 @@ class _PredicateReader:
 
     def explain(self, before: bytes | None, at: bytes) -> DecisionReason:
         """The reason of a step; see `Explainer.explain`."""
-        facts = self._record(at, self.module)
+        facts = self._module_record(at, self.module)
         env = self._environment(before, at)
         ttf: tuple[PredicatePart, ...] = ()
         safer: tuple[PredicatePart, ...] = ()
@@ -209,7 +209,7 @@ class _PredicateReader:
             safer=safer if known else (),
             stale=stale,
             gate_fault=self._gate_fault(before) if facts["saw_gate_fault"] else None,
-            owed=0 if before is None else self._record(before, self.module)["clean_needed"],
+            owed=0 if before is None else self._module_record(before, self.module)["clean_needed"],
         )
 
     def safe(self) -> Callable[[bytes], bool] | None:
@@ -217,7 +217,7 @@ class _PredicateReader:
         return None if self._safe is None else lambda at: self._is_safe(self._environment(at, at))
 
     def _is_safe(self, env: Environment) -> bool:
-        """Whether `safe` is true, and does not fault; false where it asks an extern function."""
+        """Whether `safe` is true without a fault; False if it asks an extern function."""
         try:
             return self._safe is not None and bool(self._safe(env))
         except StepFault:
@@ -258,7 +258,7 @@ class _PredicateReader:
             raw = at if other.dm < self.module.dm else before
             if raw is None:
                 return AC if other.forced == "ac" else 1 - AC
-            return self._record(raw, other)["mode"]
+            return self._module_record(raw, other)["mode"]
 
         def margin_ns(i: int) -> int:
             looked = self.system.modules[i].looked
@@ -278,11 +278,11 @@ class _PredicateReader:
             margin_ns=margin_ns,
         )
 
-    def _record(self, raw: bytes, module: Module) -> dict[str, int]:
+    def _module_record(self, raw: bytes, module: Module) -> dict[str, int]:
         return MODULE.unpack_from(raw, self.layout.module_offset + module.index * MODULE.size)
 
     def _gate_fault(self, before: bytes | None) -> GateFault | None:
-        """The gate fault that the DM saw, of an instant before, as AC steps after its DM."""
+        """The gate fault that the DM saw: of the instant before, as AC steps after its DM."""
         if before is None:
             return None
         at = self.layout.component_offset + self.module.ac * COMPONENT.size
@@ -297,13 +297,13 @@ class _PredicateReader:
         return list(map(compile_part, parts))
 
     def _computed_part(self, e: typed.TypedExpr) -> Callable[[Environment], PredicatePart]:
-        """A part of a computed predicate: a level of the estimate, or judged commands."""
+        """The evaluator of a part of a computed predicate: a level, or judged commands."""
         if isinstance(e, typed.TypedUnary) and self.module.shield is None:
             return self._level_part(e.operand, for_ttf=True)  # not `safer`
         return self._level_part(e) if isinstance(e, typed.TypedBinary) else self._shield_part(e)
 
     def _shield_part(self, e: typed.TypedExpr) -> Callable[[Environment], PredicatePart]:
-        """The part `!permits` of a shield, with what the DM read and the command that is held."""
+        """The evaluator of `!permits`, with what the DM read and the command that is held."""
         refused = self._evaluator.expression(e)
         module, topics = self.module, self.system.topics
         named = [
@@ -347,7 +347,7 @@ class _PredicateReader:
         return part
 
     def _near_an_end(self, leaf: typed.TypedExpr, x: Operand, env: Environment) -> str:
-        """Says that the grid ends near an estimate, and `safe` does not; "" if that is not so."""
+        """Says that the grid ends near an estimate, and `safe` goes on behind it; else ""."""
         low, high = self.module.grid_ends.get(x.text, (-math.inf, math.inf))
         for end, out in ((low, low - high), (high, high - low)):
             if (end - float(x.value)) / out < NEAR:
@@ -367,7 +367,7 @@ class _PredicateReader:
     def _level_part(
         self, e: typed.TypedExpr, *, for_ttf: bool = False
     ) -> Callable[[Environment], PredicatePart]:
-        """The part `level(x, ...) < 1` or `>= 2` of a computed predicate; of plans the first's."""
+        """The evaluator of `level(x, ...) < 1` or `>= 2`; of several plans, that of the first."""
         e = disjuncts(e)[0]
         assert isinstance(e, typed.TypedBinary)
         assert isinstance(e.left, typed.TypedCall)
@@ -398,7 +398,7 @@ class _PredicateReader:
 
 
 class _LazySequence(Sequence[T]):
-    """A sequence whose values are computed when they are asked for."""
+    """A sequence that computes each value when somebody asks for it."""
 
     def __init__(self, of: Callable[[int], T], size: int) -> None:
         self._of = of
@@ -414,7 +414,7 @@ class _LazySequence(Sequence[T]):
 
 
 def with_number(value: Sequence[Value], where: Sequence[int], x: float) -> Sequence[Value]:
-    """A value with another number at a place, from the outside in."""
+    """A value with one number replaced, at a path from the outside in."""
     first, *rest = where
     return (*value[:first], with_number(value[first], rest, x) if rest else x, *value[first + 1 :])
 
@@ -428,7 +428,7 @@ def _leaf(t: Type, value: Any, path: Sequence[str]) -> Number:  # noqa: ANN401 -
 
 
 def published_before(system: System, dm: int) -> frozenset[int]:
-    """Topics whose publishers all step before a DM in the deployed order; inputs among them."""
+    """The topics whose publishers all step before a DM in the deployed order, inputs included."""
     late = {i for c in system.components if c.index >= dm for i in c.writes}
     looks = {m.looked for m in system.modules if m.dm >= dm and m.looked is not None}
     judging = [m.shield for m in system.modules if m.shield is not None]
@@ -461,7 +461,7 @@ def _number(e: typed.TypedExpr, value: Value) -> Number:
 
 
 def _comparison_text(left: Operand, op: str, right: Operand, of: typed.TypedExpr) -> str:
-    """Words for a comparison, as `Room(m) = 0.11 < LIMIT = 0.0`; a literal appears once."""
+    """A comparison with its values, as `Room(m) = 0.11 < LIMIT = 0.0`; a literal appears once."""
     a, b = _short(left.value), _short(right.value)
     if a == b and left.value != right.value:
         a, b = repr(left.value), repr(right.value)
@@ -474,7 +474,7 @@ def _short(value: Number) -> str:
 
 
 def leaf_path_name(e: typed.TypedExpr) -> str:
-    """The name of the leaf of a topic that a computed predicate reads."""
+    """The name of the topic leaf that a computed predicate reads."""
     if isinstance(e, typed.TypedField):
         assert hasattr(e.target.type, "fields")
         return f"{leaf_path_name(e.target)}.{e.target.type.fields[e.index][0]}"

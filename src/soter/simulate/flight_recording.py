@@ -79,13 +79,13 @@ class FlightRecording:
             self.seed = self._read_head(file)
 
     def show_to(self, observer: Observer, also: Callable[..., None] | None = None) -> None:
-        """Shows all states to an observer; `also` is then given the `Looks` of its states.
+        """Shows all states to an observer; `also` then gets the `Looks` of its states.
 
-        `SoterError` D006 where the recording contradicts itself, or has an impossible state.
+        `SoterError` D006 if the recording contradicts itself, or has an impossible state.
         """
         if also is not None:
             observer.also = partial(also, looks=self._looks)
-        for rows in self._blocks():
+        for rows in self._read_blocks():
             try:
                 observer.see(rows)
             except (ValueError, LookupError) as error:
@@ -103,7 +103,7 @@ class FlightRecording:
             raise self._cannot_read(reason(error)) from error
 
     def _read_head(self, file: BinaryIO) -> int:
-        """Reads and compares which system flew; returns the seed."""
+        """Checks which system flew, and returns the seed."""
         head, _, _ = file.read(HEAD_MAX).partition(b"\n\n")
         file.seek(len(head) + 2)
         first, *lines = head.decode("utf-8", "replace").split("\n")
@@ -122,8 +122,8 @@ class FlightRecording:
             raise self._cannot_read("it does not say its seed")
         return int(seed)
 
-    def _blocks(self) -> Iterator[npt.NDArray[np.uint8]]:
-        """The states in blocks, (n, size) bytes, up to where something is missing."""
+    def _read_blocks(self) -> Iterator[npt.NDArray[np.uint8]]:
+        """Yields the states in blocks, (n, size) bytes, up to where one is missing."""
         with self._open_file() as file:
             self._read_head(file)
             begin, announced, size = file.tell(), self._read_end(file), self._record.itemsize
@@ -131,7 +131,7 @@ class FlightRecording:
             number = 0
             while data := file.read(size * BLOCK):
                 records = np.frombuffer(data[: len(data) // size * size], dtype=self._record)
-                whole = self._in_sequence(records, number)
+                whole = self._records_in_sequence(records, number)
                 number += len(whole)
                 if len(whole):
                     yield self._note_records(whole)
@@ -147,7 +147,7 @@ class FlightRecording:
             self.cut = self._missing_text(announced - number)
 
     def _read_end(self, file: BinaryIO) -> int | None:
-        """How many instants it claims to have, with its hash compared; None: its end is missing."""
+        """How many instants the end says, once its hash is compared; None: the end is missing."""
         begin = file.tell()
         size = file.seek(0, 2)
         file.seek(max(size - END_BYTES, begin))
@@ -163,7 +163,7 @@ class FlightRecording:
             raise self._cannot_read("it is damaged: its end has the hash of something else")
         return int(end[1])
 
-    def _in_sequence(self, records: npt.NDArray[Any], number: int) -> npt.NDArray[Any]:
+    def _records_in_sequence(self, records: npt.NDArray[Any], number: int) -> npt.NDArray[Any]:
         """The records up to the first one out of sequence; `SoterError` D006 for wrong ones."""
         numbers = records["number"].astype(np.int64)
         due = np.arange(number, number + len(records))
@@ -177,7 +177,7 @@ class FlightRecording:
         return whole
 
     def _note_records(self, records: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
-        """The states of records; what else they say is noted."""
+        """The states of these records; notes lateness, misses and the last time."""
         self.misses += int(records["misses"].sum())
         self.last_ns = int(records["ct"][-1])
         self._looks.clear()

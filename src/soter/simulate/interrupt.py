@@ -51,8 +51,8 @@ _listening: list[StopRequest] = []
 """The request that receives the signals, if there is one."""
 
 
-def stop_request() -> StopRequest:
-    """The request that receives the signals already, or a new one."""
+def current_stop_request() -> StopRequest:
+    """The request that already receives the signals, or a new one."""
     return _listening[-1] if _listening else StopRequest()
 
 
@@ -60,7 +60,7 @@ def stop_request() -> StopRequest:
 def receiving_signals(
     request: StopRequest, numbers: tuple[signal.Signals, ...] = INTERRUPT
 ) -> Iterator[None]:
-    """A `with` block in which signals reach the request; other handlers stay as they are."""
+    """Makes a `with` block in which signals reach the request; other handlers stay."""
     if threading.current_thread() is not threading.main_thread() or request in _listening:
         yield
         return
@@ -77,10 +77,10 @@ def receiving_signals(
 
 
 @contextmanager
-def stoppable(
+def stoppable_run(
     request: StopRequest, numbers: tuple[signal.Signals, ...] = INTERRUPT
 ) -> Iterator[None]:
-    """A `with` block for a run, which signals stop at the end of an instant."""
+    """Makes a `with` block for a run, which signals stop at the end of an instant."""
     with receiving_signals(request, numbers):
         request.running = True
         try:

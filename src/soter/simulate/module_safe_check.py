@@ -41,12 +41,12 @@ if TYPE_CHECKING:
 
 
 class SafeJudge(Protocol):
-    """Judges `safe` of a module."""
+    """An object that judges `safe` of a module."""
 
     def is_false(self, module: int, states: States, rows: Sequence[int]) -> list[bool] | None:
         """For each row of the states, (n,), whether `safe` is false there; a fault counts as false.
 
-        None where it calls an extern function, which only the run itself may call.
+        None if `safe` calls an extern function, which only the run itself may call.
         """
 
 
@@ -69,21 +69,20 @@ class JudgedUnit(UnitBuilder):
         self.judged = {m: p for m, p in every.items() if not _called_functions(p) & extern}
 
     @staticmethod
-    def names_of_more(system: System) -> tuple[str, ...]:
+    def added_names(system: System) -> tuple[str, ...]:
         """The names of the table and of each module's predicate."""
         return ("safe", *(f"safe_{m.index}" for m in system.modules))
 
-    def more(self) -> list[c.CTop]:
-        """The C of the predicates, and of the table by which they are found."""
+    def added_definitions(self) -> list[c.CTop]:
+        """The C of the predicates, and of the table that lists them."""
         functions: list[c.CTop] = []
         rows: list[tuple[None, c.CExpr]] = []
         for module, predicate in self.judged.items():
             name = f"{self.prefix}_safe_{module}"
             doc = f"`safe` of {self.system.modules[module].name} is false"
-            functions.append(
-                decisions.predicate(self.frame, predicate, name, doc, unsafe=True, negate=True)
-            )
-            rows.append((None, c.Initializer((("violated", c.Name(name)),))))
+            function = decisions.predicate_function
+            functions.append(function(self.frame, predicate, name, doc, unsafe=True, negate=True))
+            rows.append((None, c.named_fields(violated=c.Name(name))))
         if not rows:
             return []
         table, kind = f"{self.prefix}_safe", "soter_property_info"
@@ -96,7 +95,7 @@ def _called_functions(p: Predicate) -> set[str]:
 
 
 def extern_functions(core: CoreSystem) -> set[str]:
-    """The names of functions that are extern, or call one."""
+    """The names of functions that are extern, or that call one."""
     extern: set[str] = set()
     for f in core.functions:
         called = {x.function for x in walk(f.body) if isinstance(x, Call)}
@@ -106,7 +105,7 @@ def extern_functions(core: CoreSystem) -> set[str]:
 
 
 class CompiledSafe:
-    """The predicates of a `JudgedUnit` that was compiled and loaded."""
+    """The predicates of a `JudgedUnit`, compiled and loaded."""
 
     def __init__(self, library: Library, path: Path, unit: JudgedUnit) -> None:
         self._ffi = library.ffi
@@ -129,7 +128,7 @@ class CompiledSafe:
 
 
 class InterpretedSafe:
-    """The predicates of a system, by the evaluator of the interpreter."""
+    """The predicates of a system, evaluated in Python."""
 
     def __init__(self, system: System, layout: StateLayout) -> None:
         explainer = Explainer(system, layout)
@@ -157,7 +156,7 @@ class SafeLooks:
 
 
 class SafeTally:
-    """Counts, for all modules, in which of the states after their looks `safe` is false."""
+    """Counts, for each module, the states after looks of its DM in which `safe` is false."""
 
     def __init__(self, system: System, judge: SafeJudge) -> None:
         self._judge = judge
@@ -165,7 +164,7 @@ class SafeTally:
         self.looks = [SafeLooks() for _ in system.modules]
 
     def see(self, states: States, due: npt.NDArray[np.bool_]) -> None:
-        """Takes the next states, (n,), and which modules have just looked in them, (n, modules)."""
+        """Takes the next states, (n,), and in which of them each DM has looked, (n, modules)."""
         fresh = due & (states["modules"]["stale"] == 0)
         for module, needed in enumerate(self._inputs):
             of_module = fresh[:, module]
@@ -183,6 +182,6 @@ class SafeTally:
 
 
 def _published_reads(system: System, m: Module) -> list[int]:
-    """Topics that `safe` reads and components publish; before that they hold only defaults."""
+    """Topics that `safe` reads and components publish; at first they hold only defaults."""
     read = {m.scope.topics[t] for t in topic_reads(m.symbol.safe)}
     return sorted(read - set(environment_topics(system)))

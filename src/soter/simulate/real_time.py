@@ -28,7 +28,7 @@ from soter.core.layout import state_dtype, state_layout
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.load.named_files import is_in_python
 from soter.native.cache import cached, digest
-from soter.native.compiler import STRICT, compile_with, find, python_module
+from soter.native.compiler import STRICT, compile_with, find_compiler, python_module
 from soter.simulate.externs.extern_process import write_spec
 from soter.simulate.flight_recording import FlightRecording
 from soter.simulate.result import Run
@@ -65,8 +65,8 @@ class BuiltPackage:
     program: str
 
 
-def why_not(bindings: Bindings, engine: str) -> str:
-    """Why a run cannot be in real time, only paced by the clock; "": it can."""
+def why_not_real_time(bindings: Bindings, engine: str) -> str:
+    """Why a run cannot be in real time, only paced by the clock; "" if it can."""
     if engine != "native":
         return "the interpreter has no clock"
     if sys.platform != "linux":
@@ -80,11 +80,11 @@ def why_not(bindings: Bindings, engine: str) -> str:
     return ""
 
 
-def build(system: System, core: CoreSystem) -> BuiltPackage:
+def build_package(system: System, core: CoreSystem) -> BuiltPackage:
     """The package, from the cache or compiled now; `SoterError` X004, X008."""
     if system.externals:
-        raise SoterError((_nobody_speaks(system),))
-    compiler = find()
+        raise SoterError((_external_topics_error(system),))
+    compiler = find_compiler()
     package = posix_package(system, core, Path())
     flags = (*STRICT, "-O2")
     program = next(iter(package.programs))
@@ -104,7 +104,7 @@ def build(system: System, core: CoreSystem) -> BuiltPackage:
     return BuiltPackage(folder, program)
 
 
-def _nobody_speaks(system: System) -> Diagnostic:
+def _external_topics_error(system: System) -> Diagnostic:
     return Diagnostic(
         "X008",
         f"system `{system.name}` has external topics, and nobody speaks on them here",
@@ -126,10 +126,10 @@ def run_real_time(
 ) -> Run:
     """Runs in real time, to `until_ns` or until `stop` is wanted; the trace is (instants,).
 
-    `SoterError` X004, X008 where it cannot be built, X011 where the driver does not run.
+    `SoterError` X004, X008 if it cannot be built, X011 if the driver does not run.
     """
     system = bindings.system
-    built = build(system, bindings.core)
+    built = build_package(system, bindings.core)
     observer = make_observer(system, state_layout(system), keep_trace, hash_trace=hash_trace)
     with tempfile.TemporaryDirectory(prefix="soter-") as place:
         work = Path(place)
@@ -154,7 +154,7 @@ def run_recorded(
     hash_trace: bool = False,
     also: Callable[..., None] | None = None,
 ) -> Run:
-    """The run that was recorded; `cut` says why the recording was not read to its end."""
+    """The run in a recording; `cut` says why the recording was not read to its end."""
     system, began = recording.system, time.perf_counter()
     observer = make_observer(system, state_layout(system), keep_trace, hash_trace=hash_trace)
     recording.show_to(observer, also)
@@ -173,7 +173,7 @@ def _finished_run(
     wall_s: float,
     duration_s: float,
 ) -> Run:
-    """The result of what an observer saw."""
+    """The `Run` of what an observer saw."""
     layout = state_layout(system)
     dtype = state_dtype(layout)
     last = observer.last if observer.last is not None else np.zeros(layout.size, dtype=np.uint8)
@@ -201,7 +201,7 @@ def _run_driver(
     *,
     quiet: bool,
 ) -> dict[str, Any]:
-    """Runs the driver and returns its report; `SoterError` X011 where there is none."""
+    """Runs the driver and returns its report; `SoterError` X011 if there is none."""
     program = _executable_copy(built, work)
     command = [str(program), "--json", "--seed", str(seed), "--until", f"{until_ns / 1e9!r}"]
     command += ["--record", str(work / "states"), "--wait", str(WAIT_S)]
@@ -230,7 +230,7 @@ def _run_driver(
         text = out.read().decode("utf-8", "replace")
         words = errors.read().decode("utf-8", "replace").splitlines()
     if process.returncode not in FINE or not text:
-        raise SoterError((_without_report(process.returncode, words),))
+        raise SoterError((_no_report_error(process.returncode, words),))
     document: dict[str, Any] = json.loads(text)
     return document
 
@@ -244,7 +244,7 @@ def _executable_copy(built: BuiltPackage, work: Path) -> Path:
     return work / built.program
 
 
-def _without_report(status: int, error_lines: list[str]) -> Diagnostic:
+def _no_report_error(status: int, error_lines: list[str]) -> Diagnostic:
     return Diagnostic(
         "X011",
         "the process of the real-time driver is gone, without a report",

@@ -17,7 +17,7 @@ from soter.diagnostics.similar_names import nearest_or_all
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.model.types import ArrayType, RecordType, has_list
 from soter.semantics.configuration import NAN_LOOKS_MAX
-from soter.simulate.decisions import DecisionStepRecord, change_records, margins
+from soter.simulate.decisions import DecisionStepRecord, change_records, margins_s
 from soter.simulate.run_observer import moved_rows, plain_numbers
 
 if TYPE_CHECKING:
@@ -294,7 +294,7 @@ class Run:
 
         SoterError U001 where the trace has only parts.
         """
-        return margins(self.system, *self._traced_module(module))
+        return margins_s(self.system, *self._traced_module(module))
 
     def moved(self, module: str) -> npt.NDArray[np.bool_]:
         """Whether a shield `toward sc` moved the command that AC published, at each instant, (n,).
@@ -327,7 +327,7 @@ def _declaration(x: Component) -> Span:
 
 
 def _kept_trace(run: Run, name: str = "") -> npt.NDArray[Any]:
-    """What was kept of the trace, (n,); `SoterError` U001 where `name` is not in it."""
+    """The part of the trace that was kept, (n,); `SoterError` U001 if `name` is not in it."""
     if run.trace is None:
         raise mistake("U001", "this run kept no trace", "ask for it: simulate(trace=True)")
     if name and run.recorded is not None and name not in run.recorded:
@@ -337,7 +337,7 @@ def _kept_trace(run: Run, name: str = "") -> npt.NDArray[Any]:
 
 
 def _trace_values(run: Run, name: str) -> tuple[Type, npt.NDArray[Any]]:
-    """Type and values, (n,), of a topic or of a plant's truth; SoterError U001."""
+    """The type and the values, (n,), of a topic or of a plant's truth; SoterError U001."""
     _kept_trace(run)
     for topic in run.system.topics:
         if topic.name == name:
@@ -352,7 +352,7 @@ def _trace_values(run: Run, name: str) -> tuple[Type, npt.NDArray[Any]]:
 
 
 def _module_mode(run: Run, module: str) -> npt.NDArray[np.uint8]:
-    """Mode of a module, (n,); SoterError U001."""
+    """The mode of a module after each instant, (n,); SoterError U001."""
     _kept_trace(run)
     for m in run.system.modules:
         if m.name == module:
@@ -362,7 +362,7 @@ def _module_mode(run: Run, module: str) -> npt.NDArray[np.uint8]:
 
 
 def _trace_array(run: Run, path: str) -> npt.NDArray[np.float64]:
-    """Floats of a topic, a truth or a part of one: (n,) or (n, k); SoterError U001."""
+    """A topic, a truth or a part of one as floats: (n,) or (n, k); SoterError U001."""
     known = [n for n in _names(run) if path == n or path.startswith(f"{n}.")]
     name = max(known, key=len, default=path)
     t, values = _trace_values(run, name)
@@ -393,7 +393,7 @@ def _run_notes(run: Run) -> list[str]:
 
 
 def _outside_notes(run: Run) -> Iterator[str]:
-    """Notes that a module's own `safe` was false on estimates; properties are about the truth."""
+    """Yields notes that a module's `safe` was false on estimates, not on the truth."""
     for name, m in run.modules.items():
         if m.outside:
             yield (
@@ -403,7 +403,7 @@ def _outside_notes(run: Run) -> Iterator[str]:
 
 
 def _nan_notes(run: Run) -> Iterator[str]:
-    """Notes that predicates compared a NaN, which counts as danger and is hardly intended."""
+    """Yields a note for each module whose predicates compared a NaN, which counts as danger."""
     for name, m in run.modules.items():
         if m.nan_looks:
             looks = f"{m.nan_looks:,}{' or more' if m.nan_looks == NAN_LOOKS_MAX else ''}"
@@ -411,7 +411,7 @@ def _nan_notes(run: Run) -> Iterator[str]:
 
 
 def _moved_notes(run: Run) -> Iterator[str]:
-    """Notes that commands of AC were moved, so that AC's share of the time says little."""
+    """Yields notes that a shield moved commands of AC, so that AC's share of time says little."""
     for m, (published, moved) in zip(run.system.modules, run.moved_commands, strict=False):
         if moved:
             share = f"{moved:,} of {published:,} commands of AC"
@@ -419,7 +419,7 @@ def _moved_notes(run: Run) -> Iterator[str]:
 
 
 def _late_notes(run: Run) -> Iterator[str]:
-    """Notes, in real time, that the trusted part was late too often, which voids proofs."""
+    """Yields notes that the trusted part was late too often in real time, which voids proofs."""
     timing = run.timing
     if run.misses_recorded:
         yield f"the trusted part was late in this flight: {run.misses_recorded} misses"
@@ -432,7 +432,7 @@ def _late_notes(run: Run) -> Iterator[str]:
 
 
 def silence_words(timing: dict[str, Any]) -> list[str]:
-    """Words, for each module, on what actuators did in a real-time run's longest silence."""
+    """Says, for each module, what actuators did in the longest silence of a real-time run."""
     laws = {name: of["silence_law_ns"] for name, of in timing["leases"].items()}
     return [
         f"{name} was held by its law for the last {laws[name] / 1e6:.1f} ms of it"
@@ -443,7 +443,7 @@ def silence_words(timing: dict[str, Any]) -> list[str]:
 
 
 def _silence_notes(run: Run) -> Iterator[str]:
-    """Notes on externs that published nothing in more than half of their steps."""
+    """Yields notes on externs that published nothing in more than half of their steps."""
     plants = {x.name for x in run.system.components if x.plant is not None}
     for name, tally in run.extern_tallies.items():
         if 2 * tally.silent > tally.steps:
@@ -452,7 +452,7 @@ def _silence_notes(run: Run) -> Iterator[str]:
 
 
 def _contradiction_notes(run: Run) -> Iterator[str]:
-    """Notes that `ttf` (`safe` could be left) and `safer` (there is room) held together."""
+    """Yields notes that `ttf` (`safe` could be left) and `safer` (there is room) held together."""
     for module, (steps, together) in zip(run.system.modules, run.decided, strict=False):
         if together >= TOGETHER_MIN:
             yield (

@@ -28,12 +28,12 @@ NAMED_MAX = 2
 
 
 def verdicts(module: Module) -> dict[str, str]:
-    """`proved` or `assumed` for each property; an ill-formed program never gets this far."""
+    """`proved` or `assumed` for each property of a module in a well-formed program."""
     del module  # all alike: nothing is proved here
     return {**dict.fromkeys(PROVED, "proved"), **dict.fromkeys(ASSUMED, "assumed")}
 
 
-def _stays_free(system: System, modules: Iterable[Module]) -> Iterator[str]:
+def _map_assumptions(system: System, modules: Iterable[Module]) -> Iterator[str]:
     for m in modules:
         for t in topic_reads(m.symbol.safe):
             if t.static:
@@ -44,19 +44,19 @@ def _stays_free(system: System, modules: Iterable[Module]) -> Iterator[str]:
 def code_assumptions(system: System, proofs: Mapping[str, Proof] | None = None) -> list[str]:
     """Assumptions about code: modules that may switch, externs that are trusted.
 
-    `proofs`: by module, where exactly this system was verified.
+    `proofs`: by module, if exactly this system was verified.
     """
     free = [module for module in system.modules if module.forced is None]
     assumptions = _proof_sentences(system, free, proofs or {})
     assumptions += [
-        _at_once_note(module) for module in free if _command_delay_ns(module) > module.period_ns
+        _delay_note(module) for module in free if _command_delay_ns(module) > module.period_ns
     ]
     assumptions += [
         f"{module.name}: not shown, and taken for true: {module.unshown}"
         for module in free
         if module.unshown
     ]
-    assumptions += _stays_free(system, free)
+    assumptions += _map_assumptions(system, free)
     trusted = [
         component.name
         for component in system.components
@@ -69,7 +69,7 @@ def code_assumptions(system: System, proofs: Mapping[str, Proof] | None = None) 
 
 
 def _proof_sentences(system: System, free: list[Module], proofs: Mapping[str, Proof]) -> list[str]:
-    """Sentences on what is proved of modules, not claimed, or assumed."""
+    """Sentences on what is proved of modules, or assumed."""
     assumptions = [
         _proof_sentence(m.name, proofs[m.name]) + _unproved_code(system)
         for m in free
@@ -84,7 +84,7 @@ def _proof_sentences(system: System, free: list[Module], proofs: Mapping[str, Pr
 
 
 def _command_delay_ns(m: Module) -> int:
-    """How late a module's commands may act, in ns, as declared for its proof."""
+    """How late a module's commands may act, in ns, as its `verify` block declares."""
     acts = m.symbol.verify.acts
     return 0 if acts is None else int(Evaluator(m.scope.params).value(acts))
 
@@ -103,7 +103,7 @@ def _computed_notes(m: Module) -> Iterator[str]:
         )
 
 
-def _at_once_note(m: Module) -> str:
+def _delay_note(m: Module) -> str:
     late = show_ns(_command_delay_ns(m))
     return f"{m.name}: commands act at once in a run; {late} of `acts within` count in its proof"
 
@@ -124,7 +124,7 @@ def _proof_sentence(name: str, proof: Proof) -> str:
 
 
 def _unproved_code(system: System) -> str:
-    """Words on what in the system no proof covers."""
+    """Says which code of the system no proof covers."""
     names = [x.name for x in system.components if x.extern and x.role != "ac"]
     names += [f.name for f in system.program.funs.values() if f.extern]
     if not names:
@@ -173,14 +173,14 @@ def environment_assumptions(system: System) -> list[str]:
 def step_assumptions(system: System) -> list[str]:
     """Assumptions about how long steps take."""
     return [
-        f"{x.name} takes {_interval(*x.takes_ns)} a step, drawn evenly; what it publishes counts "
-        "then, and releases meanwhile are lost"
+        f"{x.name} takes {_interval_text(*x.takes_ns)} a step, drawn evenly; what it publishes "
+        "counts then, and releases meanwhile are lost"
         for x in system.components
         if x.takes_ns is not None
     ]
 
 
-def _interval(low: int, high: int) -> str:
+def _interval_text(low: int, high: int) -> str:
     return show_ns(low) if low == high else f"{show_ns(low)} to {show_ns(high)}"
 
 
@@ -231,7 +231,7 @@ def _plant_assumptions(system: System, x: Component) -> list[str]:
 
 
 def _error_bounds(system: System, x: Component) -> str:
-    """Words for each error bound with its unit and, if there are several, its signals."""
+    """Each error bound with its unit and, if there are several, its signals."""
     signals: dict[str, list[str]] = {}
     for m in x.measured:
         topic = system.topics[m.topic]
@@ -247,5 +247,5 @@ def _error_bounds(system: System, x: Component) -> str:
 
 
 def _unit_suffix(t: Type) -> str:
-    """The unit to write behind a number; "" for a type with several leaves."""
+    """The unit to write behind a number; "" for a type without a single unit."""
     return f" {t.unit}" if isinstance(t, (FloatType, IntType)) and t.unit else ""

@@ -30,7 +30,7 @@ from soter.core.layout import (
 from soter.core.steps import lower
 from soter.diagnostics.diagnostic import SoterError, mistake
 from soter.language.evaluate.arithmetic import require_plain
-from soter.native.extern_memory import another_copy, kept_by
+from soter.native.kept_state import library_copy, why_it_keeps_state
 from soter.native.loaded_program import Library, RunStatus
 from soter.native.shared_library import library
 from soter.semantics.draws import splitmix64
@@ -74,7 +74,7 @@ class Pacer:
         self.lag_s_max = 0.0
 
     def wait(self, time_ns: int, stop: StopRequest) -> None:
-        """Sleeps until virtual time `time_ns`, or until a stop is wanted."""
+        """Sleeps until virtual time `time_ns`, or until somebody wants to stop."""
         now_s = time.perf_counter()
         if self._began_s is None:
             self._began_s = now_s - time_ns / 1e9
@@ -199,17 +199,17 @@ class NativeProgram:
         path = library(self.unit, optimise or level, extra)
         self._builder, self._path = builder, path
         self._owners = linked_symbols(system, core)
-        self._shared = self._open(path)
-        self._keeps = bool(kept_by(self.unit))
+        self._shared = self._load_library(path)
+        self._keeps = bool(why_it_keeps_state(self.unit))
 
     def load(self) -> LoadedProgram:
         """The loaded library; C that may keep state between calls is loaded afresh."""
         if not self._keeps:
             return self._shared
-        with another_copy(self._path) as path:
-            return self._open(path)
+        with library_copy(self._path) as path:
+            return self._load_library(path)
 
-    def _open(self, path: Path) -> LoadedProgram:
+    def _load_library(self, path: Path) -> LoadedProgram:
         found = Library(path, self.unit.prefix, self.layout.size, self._owners)
         return LoadedProgram(found, CompiledSafe(found, path, self._builder))
 
@@ -233,8 +233,8 @@ class NativeProgram:
         """Runs from the start to `until_ns`, or until `stop` is wanted.
 
         Instants, changes of mode and first faults are counted if the run is hashed, traced or
-        `observed`. `also` is given what is observed, block by block: records (n,) and the changes
-        of mode in them. `SoterError` U001 where `keep_trace` names no part of the system.
+        `observed`. `also` gets what is observed, block by block: records (n,) and the changes of
+        mode in them. `SoterError` U001 if `keep_trace` names no part of the system.
         """
         require_plain()
         bound = bound or {}
@@ -276,7 +276,7 @@ class NativeProgram:
 
 
 class _Drive:
-    """The virtual-time driver's Python half: one state, its trace buffer, its extern answers."""
+    """The Python half of the virtual-time driver: a state, its trace buffer, extern answers."""
 
     def __init__(
         self,
@@ -300,11 +300,11 @@ class _Drive:
             self.buffer = np.zeros((room, program.layout.size), dtype=np.uint8)
 
     def run_to(self, until_ns: int, progress: Progress | None, pacer: Pacer | None) -> bool:
-        """Runs to `until_ns`; False where a stop was wanted before."""
+        """Runs to `until_ns`; False if somebody wanted to stop before."""
         limit_ns = -1
         try:
             while True:
-                ended = self._advance(limit_ns)
+                ended = self._run_part(limit_ns)
                 if progress is not None:
                     progress(max(float(self.state.view(np.int64)[0]), 0.0) / max(until_ns, 1))
                 if ended and limit_ns >= until_ns:
@@ -316,18 +316,18 @@ class _Drive:
         except Stop:
             return False
         finally:
-            self._flush()
+            self._show_filled()
 
     def _next_limit(self, limit_ns: int, until_ns: int, pacer: Pacer | None) -> int:
-        """The virtual time until which to run before Ctrl-C, progress and clock are looked at."""
+        """The virtual time to which to run before looking at Ctrl-C, progress and clock."""
         if pacer is not None:
             due_ns = min(self.library.next_instant(self.state), until_ns)
             pacer.wait(due_ns, self.stop)
             return due_ns
         return until_ns if self.buffer is not None else min(limit_ns + SLICE_NS, until_ns)
 
-    def _advance(self, limit_ns: int) -> bool:
-        """Runs to `limit_ns`, a full trace, or an extern, which is answered; True at the limit."""
+    def _run_part(self, limit_ns: int) -> bool:
+        """Runs to `limit_ns`, a full buffer, or an extern, which it answers; True at the limit."""
         part = self.buffer[self.filled :] if self.buffer is not None else None
         status, written, due = self.library.run(self.state, limit_ns, part)
         _check_process(self.process)
@@ -335,12 +335,12 @@ class _Drive:
         if status is RunStatus.EXTERN:
             self.answers.answer(self.state, due)
             if self.filled >= BLOCK:
-                self._flush()
+                self._show_filled()
         elif self.filled:
-            self._flush()
+            self._show_filled()
         return status is RunStatus.END
 
-    def _flush(self) -> None:
+    def _show_filled(self) -> None:
         if self.observer is not None and self.buffer is not None:
             self.observer.see(self.buffer[: self.filled])
         self.filled = 0
@@ -359,9 +359,9 @@ def run_interpreted(
     pacer: Pacer | None = None,
     also: Also | None = None,
 ) -> Run:
-    """A run in the reference interpreter; `SoterError` X003 where an extern's `reset` raises.
+    """Runs in the reference interpreter; `SoterError` X003 if an extern's `reset` raises.
 
-    `also` is given what is observed, block by block: records (n,) and the changes of mode in them.
+    `also` gets what is observed, block by block: records (n,) and the changes of mode in them.
     """
     layout = state_layout(system)
     dtype = state_dtype(layout)
@@ -369,7 +369,7 @@ def run_interpreted(
     request, process = stop or StopRequest(), os.getpid()
     waiting: list[bytes] = []
 
-    def flush() -> None:
+    def show_waiting() -> None:
         if waiting:
             observer.see(np.frombuffer(b"".join(waiting), np.uint8).reshape(-1, layout.size))
             waiting.clear()
@@ -378,7 +378,7 @@ def run_interpreted(
         _check_process(process)
         waiting.append(state_bytes(system, layout, c, record, seed))
         if len(waiting) == BATCH:
-            flush()
+            show_waiting()
         if progress is not None:
             progress(c.ct / max(until_ns, 1))
         if request.wanted:
@@ -391,7 +391,7 @@ def run_interpreted(
     began = time.perf_counter()
     interpreter = Interpreter(system, seed, with_notes(system, bound or {}, failures, tallies))
     finished = _interpret(interpreter, until_ns, observe)
-    flush()
+    show_waiting()
     last = observer.last if observer.last is not None else np.zeros(layout.size, dtype=np.uint8)
     return Run(
         system=system,
@@ -414,7 +414,7 @@ def run_interpreted(
 def _interpret(
     interpreter: Interpreter, until_ns: int, observe: Callable[[Configuration, Record], None]
 ) -> bool:
-    """Runs the interpreter to `until_ns`; False where a stop was wanted before."""
+    """Runs the interpreter to `until_ns`; False if somebody wanted to stop before."""
     require_plain()
     try:
         interpreter.run(until_ns, observe)
@@ -426,7 +426,7 @@ def _interpret(
 
 
 def _check_process(process: int) -> None:
-    """Ends this process if an extern forked it; `SoterError` X012 if floats changed in it."""
+    """Ends this process if an extern forked it; `SoterError` X012 if float settings changed."""
     end_copy(process)
     require_plain()
 

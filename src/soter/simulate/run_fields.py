@@ -78,12 +78,12 @@ def _explained_step(d: DecisionStepRecord) -> ExplainedStep | None:
     return None if d.why is None else ExplainedStep(d.words, d.why)
 
 
-def _value(o: Operand) -> object:
+def _operand_json(o: Operand) -> object:
     return to_json(FLOAT, o.value) if isinstance(o.value, float) else o.value
 
 
 def component_faults(run: Run) -> dict[str, ComponentFaults]:
-    """Step faults by component, for those that had any."""
+    """The step faults of each component that had any, by its name."""
     faults_by_component = {}
     for x in run.system.components:
         row = run.final["components"][x.index]
@@ -115,7 +115,7 @@ def final_values(run: Run) -> dict[str, object]:
 
 
 def truth_value(layout: StateLayout, plant: Component, raw: bytes | memoryview) -> Value:
-    """A plant's true state in the image of a state, as a value of its `truth` type."""
+    """A plant's true state in the bytes of a state, as a value of its `truth` type."""
     assert plant.plant is not None
     places = [layout.member(plant.index, i) for i in range(len(plant.plant.states))]
     return tuple([decode_from(raw, offset, t) for offset, t in places])
@@ -125,15 +125,15 @@ def scalars(run: Run) -> dict[str, float]:
     """The numbers among the final values, by dotted path (`c.truth.x`)."""
     number_by_path: dict[str, float] = {}
 
-    def walk(path: str, value: object) -> None:
+    def add_numbers(path: str, value: object) -> None:
         if isinstance(value, dict):
             for name, part in value.items():
-                walk(f"{path}.{name}", part)
+                add_numbers(f"{path}.{name}", part)
         elif isinstance(value, (int, float)) and not isinstance(value, bool):
             number_by_path[path] = value
 
     for name, value in final_values(run).items():
-        walk(name, value)
+        add_numbers(name, value)
     return number_by_path
 
 
@@ -149,7 +149,7 @@ PART = JsonObject(
     PredicatePart,
     "text value fault? operands",
     named="part",
-    operands=JsonObject(Operand, "text value", {"value": _value}, value=VALUE),
+    operands=JsonObject(Operand, "text value", {"value": _operand_json}, value=VALUE),
 )
 MODE_CHANGE = JsonObject(
     DecisionStepRecord,

@@ -73,7 +73,7 @@ if TYPE_CHECKING:
 
 
 def write_log(run: Run, path: str | Path, version: str) -> Path:
-    """Writes the log of a traced run to `path`; `SoterError` D006 where it cannot be written."""
+    """Writes the log of a traced run to `path`; `SoterError` D006 if it cannot be written."""
     trace = run.require_trace()
     log = RunLog(Path(path), version)
     log.begin(run.system, run.layout, run.seed, run.engine, run.externs)
@@ -109,7 +109,7 @@ class RunLog:
         engine: str,
         externs: Mapping[str, str],
     ) -> None:
-        """Takes what is going to run; the file is not touched before there is something to log."""
+        """Prepares the log of a run; the file is not touched before there is something to log."""
         self._system, self._layout = system, layout
         self._explainer = Explainer(system, layout)
         self.path = self.path(system) if callable(self.path) else self.path
@@ -147,11 +147,11 @@ class RunLog:
         """Takes the next states, (n,), the changes of mode among them, and how late DMs were."""
         if self.problem is None:
             with self._noting_problem():
-                self._open_log().add(self._blocks(states, changes, looks))
+                self._open_log().add(self._block_channels(states, changes, looks))
                 self._earlier = states[-1:].copy()
 
     def end(self, run: Run | None, why: str) -> None:
-        """Ends the log of a run; `why` it did not reach its end, "" where it did."""
+        """Ends the log of a run; `why`: why it did not reach its end, "" if it did."""
         if self.problem is None:
             hash_ = run.trace_sha256 if run is not None else None
             ended = f"{ABNORMALLY}{why}" if why else "at its end"
@@ -159,7 +159,7 @@ class RunLog:
                 self._open_log().close({"ended": ended, "trace_sha256": hash_ or ""})
 
     def end_by(self, error: BaseException) -> None:
-        """Ends the log of a run that an error broke off; without an instant nothing is kept."""
+        """Ends the log of a run that an error broke off; without an instant it keeps nothing."""
         if self._log is not None:
             self.end(None, type(error).__name__)
 
@@ -181,51 +181,51 @@ class RunLog:
 
     # ------------------------------------------------------------ messages of a block
 
-    def _blocks(
+    def _block_channels(
         self, states: npt.NDArray[Any], changes: Sequence[ChangeSeen], looks: Looks
     ) -> Iterator[LogChannel]:
-        """What the states add to each channel, in the channels' order."""
+        """Yields the messages that the states add to each channel, in the channels' order."""
         earlier = None if self._earlier is None else self._earlier[0]
-        steps = decisions.steps(self._system, states, earlier, self._explainer)
+        steps = decisions.decision_steps(self._system, states, earlier, self._explainer)
         messages = [
-            map(mode_message, self._modes(changes)),
-            (decision_message(_decision(d, looks.get((d.time_ns, d.module)))) for d in steps),
-            *(self._topic(states, t) for t in _logged_topics(self._system)),
-            *(self._truth(states, x) for x in self._system.components if x.plant is not None),
+            map(mode_message, self._mode_records(changes)),
+            (decision_message(_log_step(d, looks.get((d.time_ns, d.module)))) for d in steps),
+            *(self._topic_messages(states, t) for t in _logged_topics(self._system)),
+            *(self._true_states(states, x) for x in self._system.components if x.plant is not None),
         ]
         for (name, schema), channel_messages in zip(self._channels, messages, strict=True):
             yield LogChannel(name, schema, channel_messages)
 
-    def _topic(self, states: npt.NDArray[Any], topic: Topic) -> Iterator[Message]:
-        """The messages of a topic: its first value, then every publication."""
+    def _topic_messages(self, states: npt.NDArray[Any], topic: Topic) -> Iterator[Message]:
+        """Yields the messages of a topic: its first value, then every publication."""
         offset, stamps = self._layout.topic_offset(topic.index), states["stamps"][:, topic.index]
         published = stamps == states["header"]["ct"]
         if topic.index in {e.topic for e in self._system.externals}:  # stamped as it was measured
             earlier = NEVER if self._earlier is None else self._earlier[0]["stamps"][topic.index]
             published |= np.diff(stamps, prepend=earlier) != 0
-        for time_ns, raw in self._rows(states, published):
+        for time_ns, raw in self._chosen_states(states, published):
             value = to_json(topic.type, decode_from(raw, offset, topic.type))
-            yield time_ns, _message(topic.type, value)
+            yield time_ns, _topic_message(topic.type, value)
 
-    def _truth(self, states: npt.NDArray[Any], plant: Component) -> Iterator[Message]:
-        """The messages of a plant's true state, after each of its releases."""
+    def _true_states(self, states: npt.NDArray[Any], plant: Component) -> Iterator[Message]:
+        """Yields the messages of a plant's true state, after each of its releases."""
         assert plant.plant is not None
         truth = plant.plant.truth
         released = (states["header"]["ct"] - plant.phase_ns) % plant.period_ns == 0
-        for time_ns, raw in self._rows(states, released):
+        for time_ns, raw in self._chosen_states(states, released):
             value = to_json(truth, truth_value(self._layout, plant, raw))
             yield time_ns, value
 
-    def _rows(
+    def _chosen_states(
         self, states: npt.NDArray[Any], chosen: npt.NDArray[np.bool_]
     ) -> Iterator[tuple[int, memoryview]]:
-        """The time and bytes of the run's first state and of all chosen ones."""
+        """Yields time and bytes of the run's first state and of all chosen states."""
         chosen = chosen.copy()
         chosen[:1] |= self._earlier is None
         for row in np.flatnonzero(chosen):
             yield int(states["header"]["ct"][row]), memoryview(states[row].tobytes())
 
-    def _modes(self, changes: Sequence[ChangeSeen]) -> Iterator[ModeRecord]:
+    def _mode_records(self, changes: Sequence[ChangeSeen]) -> Iterator[ModeRecord]:
         if self._earlier is None:
             for m in self._system.modules:
                 yield ModeRecord(0, m.name, "AC" if m.forced == "ac" else "SC")
@@ -234,7 +234,7 @@ class RunLog:
             yield ModeRecord(d.time_ns, d.module, d.after)
 
 
-def _decision(d: decisions.DecisionStepRecord, look: tuple[int, int] | None) -> DecisionStep:
+def _log_step(d: decisions.DecisionStepRecord, look: tuple[int, int] | None) -> DecisionStep:
     return DecisionStep(
         time_ns=d.time_ns,
         module=d.module,
@@ -253,8 +253,8 @@ def _decision(d: decisions.DecisionStepRecord, look: tuple[int, int] | None) -> 
 # ---------------------------------------------------------------- schemas
 
 
-def _message(t: Type, value: object) -> Mapping[str, object]:
-    """The message for a value: always an object."""
+def _topic_message(t: Type, value: object) -> Mapping[str, object]:
+    """The message for a value, which is always an object."""
     return value if isinstance(t, RecordType) else {"value": value}  # type: ignore[return-value]
 
 
@@ -302,7 +302,7 @@ MISSED = ("late", "skip", "wait", "overrun", "silent")
 
 
 def record_of_trace(run: Run) -> RecordedRun:
-    """The values of a traced run."""
+    """The recorded values of a traced run."""
     trace = run.require_trace()
     record = RecordedRun([], [], [], [])
     plants = [c for c in run.system.components if c.plant is not None]
@@ -322,7 +322,7 @@ def record_of_trace(run: Run) -> RecordedRun:
 
 
 def _drop_unpublished(record: RecordedRun, system: System) -> None:
-    """Removes first values from `published` that nobody published.
+    """Removes from the first set in `published` the topics that nobody published then.
 
     A log has a first value of every topic, which may be its default.
     """
@@ -333,19 +333,19 @@ def _drop_unpublished(record: RecordedRun, system: System) -> None:
         c.scope.topics[t]
         for c in system.components
         if c.index not in missed and (record.times_ns[0] - c.phase_ns) % c.period_ns == 0
-        for t in _publishes(c)
+        for t in _published_topics(c)
     }
     record.published[0] &= {system.topics[i].name for i in published}
 
 
-def _publishes(c: Component) -> list[TopicSymbol]:
+def _published_topics(c: Component) -> list[TopicSymbol]:
     if c.plant is not None:
         return [t for t, _ in c.plant.drives]
     return list(c.node.publishes) if c.node is not None else []
 
 
 def read_log(path: Path, system: System) -> RecordedRun:
-    """The values of a log that `soter run --log` wrote of this system; `SoterError` D006."""
+    """The values in a log that `soter run --log` wrote of this system; `SoterError` D006."""
     require_log_package()
     types: dict[str, Type] = {t.name: t.type for t in system.topics}
     truths = {f"{c.name}.truth": c for c in system.components if c.plant is not None}
@@ -361,7 +361,7 @@ def read_log(path: Path, system: System) -> RecordedRun:
             continue
         value = _logged_value(path, system, channel, t, message)
         if not record.times_ns or time_ns > record.times_ns[-1]:
-            _keep(record, topics, states, since)
+            _add_instant(record, topics, states, since)
             record.times_ns.append(time_ns)
             since = set()
         if channel in truths:
@@ -371,23 +371,23 @@ def read_log(path: Path, system: System) -> RecordedRun:
             since.add(channel)
     if not record.times_ns or len(states) < len(truths):
         raise unreadable_error(path, f"it holds no true states of `{system.name}`")
-    _keep(record, topics, states, since)
+    _add_instant(record, topics, states, since)
     _drop_unpublished(record, system)
     return record
 
 
 def _logged_value(path: Path, system: System, channel: str, t: Type, message: Any) -> Any:  # noqa: ANN401
-    """The value of a message of a log; `SoterError` D006."""
+    """The value in a message of a log; `SoterError` D006 if it has none."""
     try:
         return from_json(t, message if isinstance(t, RecordType) else message["value"], channel)
     except (ValueShapeError, LookupError, TypeError) as error:
         raise unreadable_error(path, f"{error}; is it a log of `{system.name}`?") from error
 
 
-def _keep(
+def _add_instant(
     record: RecordedRun, topics: dict[str, Any], states: dict[str, Any], since: set[str]
 ) -> None:
-    """Adds what stood at the end of the instant read last, and what was published in it."""
+    """Adds the values at the end of the instant that was read last, and its publications."""
     if record.times_ns:
         record.published.append(since)
         record.topics.append(dict(topics))

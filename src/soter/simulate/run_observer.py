@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 
 def decided_rows(system: System, states: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
-    """Whether each module has just decided in these states (n,): (n, modules)."""
+    """Whether each module's DM has stepped in the instant of each state, (n,): (n, modules)."""
     times_ns = states["header"]["ct"]
     periods = np.array([m.period_ns for m in system.modules], dtype=np.int64)
     due: npt.NDArray[np.bool_] = times_ns[:, np.newaxis] % periods == 0
@@ -60,9 +60,9 @@ def decided_rows(system: System, states: npt.NDArray[Any]) -> npt.NDArray[np.boo
 def moved_rows(
     system: System, module: Module, states: npt.NDArray[Any]
 ) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-    """Whether, in states (n,), AC in control has just published, and its shield moved that.
+    """Whether, in states (n,), AC in control has just published, and its shield has moved that.
 
-    Both are (n,); False everywhere where the module has no shield `toward sc`.
+    Both are (n,); False everywhere if the module has no shield `toward sc`.
     """
     published, was_moved = np.zeros((2, len(states)), dtype=np.bool_)
     shield = module.shield
@@ -84,7 +84,7 @@ def moved_rows(
 
 
 def plain_numbers(t: Type, values: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
-    """The k numbers of every value, (..., k), of a type without lists, in declared order."""
+    """The k numbers of each value, (..., k), in declared order; the type has no lists."""
     if isinstance(t, RecordType):
         return np.concatenate([plain_numbers(f, values[n]) for n, f in t.fields], axis=-1)
     if isinstance(t, ArrayType):
@@ -94,7 +94,7 @@ def plain_numbers(t: Type, values: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
 
 
 def named_parts(keep: Kept) -> tuple[str, ...] | None:
-    """The names of the parts to keep, perhaps none; None where all or nothing is kept."""
+    """The names of the parts to keep, perhaps none; None if all or nothing is kept."""
     if isinstance(keep, str):
         return (keep,)
     return tuple(dict.fromkeys(keep)) if isinstance(keep, Collection) else None
@@ -106,7 +106,7 @@ def keeps_anything(keep: Kept) -> bool:
 
 
 def _fields_of_truths(system: System, layout: StateLayout) -> dict[str, str]:
-    """The field of a state that holds the truth of each plant, by `<plant>.truth`."""
+    """By `<plant>.truth`, the field of a state that holds the truth of that plant."""
     return {
         f"{system.components[g.owner].name}.truth": group_field(g)
         for g in layout.groups
@@ -115,7 +115,7 @@ def _fields_of_truths(system: System, layout: StateLayout) -> dict[str, str]:
 
 
 class TraceParts:
-    """The chosen parts of a system's states: `header`, and what was named."""
+    """Chosen parts of a system's states: `header`, and the named ones."""
 
     def __init__(
         self, system: System, layout: StateLayout, dtype: np.dtype[Any], names: tuple[str, ...]
@@ -181,7 +181,7 @@ class FirstFault:
 
 
 class Observer:
-    """Takes the states of one run, in order."""
+    """Takes the states of one run, in order, and keeps what is wanted of them."""
 
     def __init__(
         self,
@@ -224,7 +224,7 @@ class Observer:
             self._digest.update(np.ascontiguousarray(rows).data)
         states = np.ascontiguousarray(rows).view(self._dtype).reshape(-1)
         if self._kept is not None:
-            self._keep(rows if self._parts is None else _bytes(self._parts.copy_parts(states)))
+            self._keep_rows(rows if self._parts is None else _bytes(self._parts.copy_parts(states)))
         known = len(self.changes)
         if len(self._modes):
             self._see_modes(states, earlier)
@@ -240,28 +240,28 @@ class Observer:
 
     @property
     def decided(self) -> list[tuple[int, int]]:
-        """By module: DM steps, and those in which ttf and safer held both."""
+        """By module: how many DM steps there were, and in how many ttf and safer both held."""
         return [(int(n), int(both)) for n, both in self._decided.T]
 
     @property
     def moved_commands(self) -> list[tuple[int, int]]:
-        """By module: commands that AC published below a shield `toward sc`, and moved ones."""
+        """By module with a shield `toward sc`: AC's published commands, and the moved ones."""
         return [(int(n), int(moved)) for n, moved in self._moved.T]
 
     @property
     def safe_looks(self) -> list[SafeLooks]:
-        """By module: in which looks of its DM its own `safe` was false."""
+        """By module: in how many looks of its DM its own `safe` was false."""
         return self._safe.looks
 
     @property
     def sha256(self) -> str | None:
-        """The hash of all states so far, None where it was not asked for."""
+        """The hash of all states so far; None if nobody asked for it."""
         return self._digest.hexdigest() if self._digest is not None else None
 
     def trace(self) -> npt.NDArray[Any] | None:
-        """All states, or their parts, as records, (instants,); None where they were not kept.
+        """All states, or their parts, as records, (instants,); None if they were not kept.
 
-        Asked for once, at the end.
+        To be called once, at the end.
         """
         if self._kept is None:
             return None
@@ -277,7 +277,7 @@ class Observer:
 
     # ------------------------------------------------------------ keeping
 
-    def _keep(self, rows: Rows) -> None:
+    def _keep_rows(self, rows: Rows) -> None:
         assert self._kept is not None
         self._kept.append(rows.copy() if self._parts is None else rows)  # parts are copies
         self._kept_bytes += rows.size
@@ -285,7 +285,7 @@ class Observer:
             self._spill()
 
     def _spill(self) -> None:
-        """Moves what is held in memory to the temporary file."""
+        """Moves the states in memory to the temporary file."""
         assert self._kept is not None
         if self._file is None:
             self._file = tempfile.TemporaryFile(prefix="soter-trace-")  # noqa: SIM115 - lives on
@@ -325,7 +325,7 @@ class Observer:
     def _states_to_explain(
         self, states: npt.NDArray[Any], earlier: Rows | None, row: int
     ) -> tuple[bytes | None, bytes] | None:
-        """The states before and after an instant, as long as there is room for them."""
+        """The states before and after an instant; None once there is no room for more."""
         known = len(self.changes)
         if known >= EXPLAINED_MAX or 2 * known * states.dtype.itemsize > EXPLAINED_BYTES:
             return None
@@ -352,9 +352,9 @@ def make_observer(
     also: Also | None = None,
     judge: SafeJudge | None = None,
 ) -> Observer:
-    """The observer of states (n,); `judge`: by default the evaluator of the interpreter.
+    """The observer of states (n,); `judge`: by default the interpreter's evaluator.
 
-    `SoterError` U001 where `keep_trace` names no part of the system.
+    `SoterError` U001 if `keep_trace` names no part of the system.
     """
     dtype, names = state_dtype(layout), named_parts(keep_trace)
     return Observer(

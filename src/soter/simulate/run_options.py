@@ -133,21 +133,21 @@ def until_ns(until: float | str) -> int:
     try:
         ns = duration_ns(until)
     except WrongTextError as error:
-        raise mistake("U001", f"`until` cannot be `{_short(until)}`: {error}") from error
+        raise mistake("U001", f"`until` cannot be `{_value_text(until)}`: {error}") from error
     if ns <= 0:
-        raise mistake("U001", f"`until` cannot be `{_short(until)}`: a run takes time")
+        raise mistake("U001", f"`until` cannot be `{_value_text(until)}`: a run takes time")
     return ns
 
 
 def seed_value(seed: object) -> int:
-    """A seed as an int, from anything that is a whole number; `SoterError` U001."""
+    """A seed as an int, from any whole number; `SoterError` U001 for others."""
     try:
         number = operator.index(seed)  # type: ignore[arg-type]  # it checks
     except TypeError:
         number = -1
     if not 0 <= number < 2**64:
         help_ = "a seed is a whole number, 0 to 2^64 - 1"
-        raise mistake("U001", f"`seed` cannot be `{_short(seed)}`", help_)
+        raise mistake("U001", f"`seed` cannot be `{_value_text(seed)}`", help_)
     return number
 
 
@@ -172,7 +172,7 @@ def param_values(program: TypedProgram, values_by_name: Mapping[str, object]) ->
         try:
             values[name] = _param_value(param.type, value)
         except (WrongTextError, ValueShapeError) as error:
-            message = f"parameter `{name}` cannot be `{_short(value)}`: {error}"
+            message = f"parameter `{name}` cannot be `{_value_text(value)}`: {error}"
             problems.append(Diagnostic("U001", message))
     if problems:
         raise SoterError(tuple(problems))
@@ -209,6 +209,6 @@ def _value_of_text(t: Type, text: str) -> Value:
     return value
 
 
-def _short(value: object) -> str:
+def _value_text(value: object) -> str:
     text = str(value)
     return text if len(text) <= 40 else text[:37] + "..."

@@ -52,15 +52,15 @@ JUDGED = " (after the commands that might act at this look)"
 
 
 def tube_pictures(run: Run) -> tuple[LedPicture, ...]:
-    """The pictures of modules with `rest`; none if steps come in any order, or no C compiler is."""
+    """The pictures of modules with `rest`; () without a C compiler, or for steps in any order."""
     looks = None if run.system.shuffled else compile_looks(run.system)
     if looks is None:
         return ()
-    pictures = (_led_picture(run, looks, m) for m in looks.modules)
+    pictures = (_tube_picture(run, looks, m) for m in looks.modules)
     return tuple(p for p in pictures if p.looks)
 
 
-def _led_picture(run: Run, looks: TubeLooks, module: Module) -> LedPicture:
+def _tube_picture(run: Run, looks: TubeLooks, module: Module) -> LedPicture:
     trace = run.require_trace()
     mode, stale = (trace["modules"][name][:, module.index] for name in ("mode", "stale"))
     rows = np.flatnonzero(decided_rows(run.system, trace)[:, module.index] & (stale == 0))
@@ -94,7 +94,7 @@ def write_report(
     *,
     self_contained: bool = False,
 ) -> Path:
-    """Writes the report of a traced run; `SoterError` D006 where it cannot be written.
+    """Writes the report of a traced run; `SoterError` D006 if it cannot be written.
 
     With `self_contained` it needs no script beside it.
     """
@@ -105,14 +105,14 @@ def write_report(
 
 
 def inline_report(run: Run, title: str, provenance: Mapping[str, str]) -> str:
-    """The report of a traced run as one HTML text; "" where reports cannot be drawn here."""
+    """The report of a traced run as one HTML text; "" if reports cannot be drawn here."""
     if find_spec("plotly") is None:
         return ""
     return inline_document(report_page(run, title, provenance))
 
 
 def report_page(run: Run, title: str, provenance: Mapping[str, str]) -> ReportPage:
-    """The page of one run."""
+    """The page of a run."""
     chart = run_chart(run)
     picture = Picture(draw(run.system), tube_pictures(run))
     return ReportPage(
@@ -128,7 +128,7 @@ def report_page(run: Run, title: str, provenance: Mapping[str, str]) -> ReportPa
 
 
 def _headline(run: Run) -> str:
-    """The headline: first that an extern never answered, then what is not shown of a rest.
+    """The headline: an extern that never answered comes first, then what of a rest is not shown.
 
     It says that it is a system, and one run, as a system may be called `Proved`.
     """
@@ -142,15 +142,15 @@ def _headline(run: Run) -> str:
     return f"{names} never answered: nothing of it was tried. {sentence}"
 
 
-def _thin_trace(run: Run) -> npt.NDArray[np.void]:
-    """The trace; for long runs every n-th state of it."""
+def _thinned_trace(run: Run) -> npt.NDArray[np.void]:
+    """The trace; of a long run every n-th state."""
     whole = run.require_trace()
     return whole[:: max(1, len(whole) // SAMPLES_MAX)]
 
 
 def run_chart(run: Run) -> Chart:
-    """All signals of a run, thinned to what can be seen."""
-    trace = _thin_trace(run)
+    """All signals of a run, thinned to what a screen can show."""
+    trace = _thinned_trace(run)
     thin = max(1, len(run.require_trace()) // SAMPLES_MAX)
     time_s = trace["header"]["ct"] / 1e9
     bands = tuple(
@@ -163,13 +163,13 @@ def run_chart(run: Run) -> Chart:
         time_s=time_s,
         series=sorted_by_interest(run.system, _all_series(run, trace, thin))[:SERIES_MAX],
         modes=bands,
-        decisions=tuple(_decision(d) for d in run.decisions),
+        decisions=tuple(_report_decision(d) for d in run.decisions),
         violations=tuple(
             Violation(v.time_s, v.what, times=v.count)
             for v in run.violation_list
             if v.time_s is not None
         ),
-        summary=_summary(run),
+        summary=_run_summary(run),
         properties=tuple(f"{p.kind} {p.text}" for p in run.system.properties),
     )
 
@@ -183,7 +183,7 @@ def _all_series(run: Run, trace: npt.NDArray[np.void], thin: int) -> tuple[Serie
 
 
 def _signal_notes(run: Run) -> Iterator[str]:
-    """Notes on what a margin is, if one is drawn, and on signals that are left out."""
+    """Yields notes on what a drawn margin is, and on signals that are left out."""
     for m in run.system.modules:
         if m.looks > 1:
             yield f"margin of {m.name}: for how long AC surely keeps control from then on"
@@ -197,18 +197,18 @@ def _signal_notes(run: Run) -> Iterator[str]:
 
 
 def _share_text(run: Run, module: str) -> str:
-    """Words on what one of several modules did."""
+    """Says how long AC was in control, and how often SC took over."""
     m = run.modules[module]
     return f"AC in control {m.ac_share:.1%}, SC took over {m.switches_to_sc} {TIMES}"
 
 
-def _decision(d: decisions.DecisionStepRecord) -> Decision:
+def _report_decision(d: decisions.DecisionStepRecord) -> Decision:
     return Decision(
         d.time_ns / 1e9, d.module, d.after, d.reason, d.saw.predicates(), why=tuple(d.words)
     )
 
 
-def _summary(run: Run) -> dict[str, float | int | str]:
+def _run_summary(run: Run) -> dict[str, float | int | str]:
     summary: dict[str, float | int | str] = {"violations": run.violations}
     modules = list(run.modules.values())
     if len(modules) == 1:
@@ -219,7 +219,7 @@ def _summary(run: Run) -> dict[str, float | int | str]:
 
 
 def _margin_series(run: Run, thin: int) -> Iterator[Series]:
-    """The signal of margins, for modules whose levels say more than the calendar."""
+    """Yields the margin of each module whose levels say more than the calendar."""
     for m in run.system.modules:
         if m.looks > 1:
             yield Series(
@@ -228,7 +228,7 @@ def _margin_series(run: Run, thin: int) -> Iterator[Series]:
 
 
 def _latch_series(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
-    """The signal of latches: 1 where SC has control and no acknowledgement is in force, else 0."""
+    """Yields each module's latch: 1 if SC has control and no acknowledgement counts, else 0."""
     for m in run.system.modules:
         if m.latch is not None:
             latched = decisions.latch_rows(m, trace).astype(float)
@@ -236,7 +236,7 @@ def _latch_series(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
 
 
 def _value_series(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
-    """All signals of topics and plants."""
+    """The signals of topics and plants."""
     owned = [(g, run.system.components[g.owner]) for g in run.layout.groups if g.owner >= 0]
     plants = {x.name: trace[group_field(g)] for g, x in owned if x.plant is not None}
     topics = {topic.name: trace["topics"][topic.name] for topic in run.system.topics}

@@ -41,18 +41,18 @@ class Stale:
 def stale_reads(
     system: System, module: Module, stamps: Sequence[int], time_ns: int
 ) -> Iterator[Stale]:
-    """The stale topics of a step of the module's DM at a time; `stamps`: of all topics, in ns."""
+    """Yields the topics that a DM step at `time_ns` found stale; `stamps`: of all topics, in ns."""
 
-    def stale(index: int, max_age_ns: int, beside: str = "") -> Stale:
+    def stale_topic(index: int, max_age_ns: int, beside: str = "") -> Stale:
         age_s = None if stamps[index] == NEVER else (time_ns - stamps[index]) / 1e9
         return Stale(system.topics[index].name, age_s, max_age_ns / 1e9, beside)
 
     ages = {i: system.topics[i].max_age_ns for i in module.inputs}
     limits = {i: most for i, most in ages.items() if most is not None}
     old = {i for i, most in limits.items() if time_ns - stamps[i] > most}
-    yield from (stale(i, limits[i]) for i in limits if i in old)
+    yield from (stale_topic(i, limits[i]) for i in limits if i in old)
     for one, other, most in apart_at_most(system, module.inputs):
         older, newer = sorted((one, other), key=lambda i: stamps[i])
         if older not in old and stamps[newer] - stamps[older] > most:
             old.add(older)
-            yield stale(older, limits[older], system.topics[newer].name)
+            yield stale_topic(older, limits[older], system.topics[newer].name)

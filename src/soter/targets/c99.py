@@ -18,7 +18,7 @@ from soter.codegen import c_tree as c
 from soter.codegen.c_names import Unique, field_name
 from soter.codegen.c_printer import print_file
 from soter.codegen.unit import Unit, generate
-from soter.native.cache import included
+from soter.native.cache import included_files
 from soter.native.shared_library import FAULTS, RUNTIME
 from soter.targets.firmware_interface import RUNTIME_FILES, firmware_files, firmware_name
 from soter.targets.leases_and_lateness import FILES as LEASES
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 def file_and_included(source: str) -> dict[Path, str]:
     """The path and text of a C file, and of all that it includes beside or below it."""
     root = Path(source).resolve().parent
-    return {p: text for p, text in included(source).items() if p.is_relative_to(root)}
+    return {p: text for p, text in included_files(source).items() if p.is_relative_to(root)}
 
 
 STUBS = "externs.c"

@@ -21,7 +21,7 @@ from pathlib import Path, PurePath
 from typing import TYPE_CHECKING
 
 from soter.codegen.c_names import field_name
-from soter.codegen.externs import symbol_of
+from soter.codegen.externs import linked_symbol
 from soter.core.layout import size_of
 from soter.diagnostics.diagnostic import SoterError, mistake
 from soter.language.model.types import show_ns
@@ -116,7 +116,7 @@ def _node_values(system: System, unit: Unit, x: Component) -> dict[str, object]:
     return {
         "of": x,
         "c_name": unit.names[x.index],
-        "symbol": symbol_of(x.binding),
+        "symbol": linked_symbol(x.binding),
         "reads": fields_read(system, unit, x),
     }
 

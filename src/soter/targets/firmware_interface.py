@@ -15,7 +15,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from soter.codegen import c_tree as c
-from soter.codegen.c_names import Unique, file_level_name, legal
+from soter.codegen.c_names import Unique, file_level_name, legal_name
 from soter.codegen.c_printer import print_file
 from soter.core.layout import scalar, size_of, storage_range, struct_of
 from soter.language.elaborate.wellformed import allowed_lateness
@@ -91,7 +91,7 @@ class _Firmware:
         self.topics = [system.topics[i] for i in self.short]
         self.open = environment_topics(system)
         modules = Unique()
-        self.modules = [modules(legal(m.name)) for m in system.modules]
+        self.modules = [modules(legal_name(m.name)) for m in system.modules]
         self.messages = self._messages_document()
 
     # ------------------------------------------------------------ files
@@ -223,9 +223,9 @@ class _Firmware:
             seen |= {leaf: None for _, leaf in leaves(t.type) if isinstance(leaf, EnumType)}
         unique = Unique()
         for enum in seen:
-            base = unique(legal(enum.name.rpartition(".")[2]))
+            base = unique(legal_name(enum.name.rpartition(".")[2]))
             for k, member in enumerate(enum.members):
-                yield c.Define(f"{self.name}_{base}_{legal(member)}", f"{k}U")
+                yield c.Define(f"{self.name}_{base}_{legal_name(member)}", f"{k}U")
 
     # ------------------------------------------------------------ start, step
 
@@ -441,7 +441,7 @@ def _number_code(value: int) -> str:
 def _name_without_file(t: Topic) -> str:
     """The name of a topic without the import of the file that declares it."""
     name = t.symbol.name
-    return legal(t.name.removesuffix(name) + name.rpartition(".")[2])
+    return legal_name(t.name.removesuffix(name) + name.rpartition(".")[2])
 
 
 def _topic_comment(t: Topic) -> str:

@@ -114,7 +114,7 @@ def modules_with_law(system: System) -> list[Module]:
 def lease_names(system: System, prefix: str) -> dict[int, str]:
     """By module, the begin of the C names of its lease; `a.b` and `a_b` have two."""
     unique = FileNames(prefix, ())
-    return {m.index: unique.family(m.name, ENDINGS) for m in modules_with_law(system)}
+    return {m.index: unique.new_family(m.name, ENDINGS) for m in modules_with_law(system)}
 
 
 def nodes_on_the_way(system: System, module: Module) -> Iterator[Component]:
@@ -181,7 +181,7 @@ def _lease_declarations(
     module = times.module
     yield c.Section(f"module {module.name}")
     members = tuple(
-        c.StructMember(types.stored(system.topics[i].type), _field_name(system, i))
+        c.StructMember(types.stored_type(system.topics[i].type), _field_name(system, i))
         for i in module.outputs
     )
     yield c.StructDef(f"{name}_command", members, "what it publishes")

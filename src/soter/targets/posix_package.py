@@ -15,7 +15,7 @@ from pathlib import Path, PurePath
 from typing import TYPE_CHECKING
 
 from soter.codegen.c_names import field_name
-from soter.codegen.c_printer import escape
+from soter.codegen.c_printer import string_text
 from soter.codegen.externs import request_fields
 from soter.diagnostics.diagnostic import Diagnostics
 from soter.language.load.named_files import is_in_python
@@ -235,7 +235,7 @@ def _template_values(
         "longest_ns": max((x.period_ns + x.phase_ns for x in system.components), default=10**9),
         "late": [*zip(system.components, late, strict=True)],
         "response": [*zip(system.components, response, strict=True)],
-        "flown": [escape(line) for line in flown],
+        "flown": [string_text(line) for line in flown],
     }
 
 

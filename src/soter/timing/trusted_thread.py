@@ -123,11 +123,12 @@ class Analysis:
 def analyse(
     tasks: Sequence[Task], watch: Callable[[ScheduledStep], None] | None = None
 ) -> Analysis:
-    """The latest start and end of every task; `tasks` in the order of an instant.
+    """The latest start and end of every task; `tasks` in the order in which an instant runs them.
 
     `watch` is told every step of the schedule in which all is as late as it may be, as far as it is
     gone through; every later one starts and ends no later after its release than one that it was
-    told of the same task, a number of hyperperiods before. Not where the result is not exact.
+    told of the same task, a number of hyperperiods before. It is told none if the result is not
+    exact.
     """
     if not tasks:
         return Analysis((), None, exact=True, work=0, hyperperiod=1)
@@ -136,20 +137,20 @@ def analyse(
     first = max(t.phase for t in tasks)
     steps = sum(hyperperiod // t.period for t in tasks)
     if steps + sum(first // t.period + 1 for t in tasks) > RELEASES_MAX:
-        return _first_miss(tasks, work, hyperperiod) or _bounded(tasks, work, hyperperiod)
+        return _first_miss(tasks, work, hyperperiod) or _bound_responses(tasks, work, hyperperiod)
     thread = _Thread(tasks, watch)
-    thread.go(0, _releases(tasks, 0, first))
+    thread.run_releases(0, _releases(tasks, 0, first))
     window = _releases(tasks, first, first + hyperperiod)
-    base, left = first, thread.left(first)
+    base, left = first, thread.work_left(first)
     while thread.miss is None:
-        thread.go(base - first, window)
+        thread.run_releases(base - first, window)
         base += hyperperiod
-        before, left = left, thread.left(base)
+        before, left = left, thread.work_left(base)
         if left <= before:
             break
         if work > hyperperiod and thread.miss is None and left - before == work - hyperperiod:
             base += _skip(thread, tasks, window, base - first - hyperperiod, work - hyperperiod)
-            left = thread.left(base)
+            left = thread.work_left(base)
     worst = tuple(thread.latest)
     return Analysis(worst, thread.miss, exact=True, work=work, hyperperiod=hyperperiod)
 
@@ -164,7 +165,7 @@ def _releases(tasks: Sequence[Task], low: int, high: int) -> list[tuple[int, int
 
 
 class _Thread:
-    """Goes through the schedule in which everything is as late as it may be."""
+    """The thread in the schedule in which everything is as late as it may be."""
 
     def __init__(
         self, tasks: Sequence[Task], watch: Callable[[ScheduledStep], None] | None
@@ -177,12 +178,12 @@ class _Thread:
         self.busy: deque[ScheduledStep] = deque(maxlen=SHOWN)
         self.since = 0
 
-    def left(self, at: int) -> int:
-        """The work, in ns, that is left at a time."""
+    def work_left(self, at: int) -> int:
+        """The work, in ns, that the thread still has to do at a time."""
         return max(0, self.free - at)
 
-    def go(self, shift: int, releases: Iterable[tuple[int, int]]) -> None:
-        """Do all these releases, `shift` later, or those until one misses its deadline."""
+    def run_releases(self, shift: int, releases: Iterable[tuple[int, int]]) -> None:
+        """Does these releases, `shift` later, up to the first that misses its deadline."""
         for at, i in releases:
             task, release = self.tasks[i], at + shift
             ready = release + task.jitter
@@ -209,7 +210,7 @@ class _Thread:
 def _skip(
     thread: _Thread, tasks: Sequence[Task], window: list[tuple[int, int]], shift: int, more: int
 ) -> int:
-    """Skip hyperperiods in which no deadline is missed yet; return their length in ns.
+    """Skips hyperperiods in which no deadline is missed yet; returns their length in ns.
 
     In the last one, which began at the instants of `window` plus `shift`, the work that was left
     grew by all of `more`, what there is to do in it less its length. So the thread had something to
@@ -229,17 +230,17 @@ def _skip(
 
 
 def _first_miss(tasks: Sequence[Task], work: int, hyperperiod: int) -> Analysis | None:
-    """The first deadline that is missed, of as many steps from time 0 on as one may look at."""
+    """The first missed deadline in the first RELEASES_MAX steps; None if there is none."""
     horizon = int(RELEASES_MAX / sum(Fraction(1, t.period) for t in tasks))
     thread = _Thread(tasks, None)
-    thread.go(0, _releases(tasks, 0, horizon))
+    thread.run_releases(0, _releases(tasks, 0, horizon))
     if thread.miss is None:
         return None
     worst = tuple(thread.latest)
     return Analysis(worst, thread.miss, exact=True, work=work, hyperperiod=hyperperiod)
 
 
-def _bounded(tasks: Sequence[Task], work: int, hyperperiod: int) -> Analysis:
+def _bound_responses(tasks: Sequence[Task], work: int, hyperperiod: int) -> Analysis:
     """A bound where a hyperperiod has too many steps.
 
     A step of release t ends, in the schedule in which all is as late as it may be, at some t - l +
@@ -280,7 +281,7 @@ class ThreadComponent:
 
     @property
     def slack(self) -> int | None:
-        """The time from its latest end to its deadline, in ns; negative where that is missed."""
+        """The time from the latest end to the deadline, in ns; negative if it is missed."""
         return None if self.worst is None else self.task.deadline - self.worst.end
 
 
@@ -304,7 +305,7 @@ class Timing:
 
     @property
     def verdict(self) -> str:
-        """`fits`, `misses` or `undecided`."""
+        """FITS, MISSES or UNDECIDED."""
         if self.miss is not None:
             return MISSES
         slacks = [r.slack for r in self.rows]
@@ -313,11 +314,11 @@ class Timing:
         return FITS
 
     def row(self, component: Component) -> ThreadComponent | None:
-        """The row of a component, by its name; None where it is not in the thread."""
+        """The row of a component, by its name; None if it does not run in the thread."""
         return next((r for r in self.rows if r.component.name == component.name), None)
 
 
-def _task(c: Component) -> Task:
+def _component_task(c: Component) -> Task:
     return Task(
         name=c.name,
         period=c.period_ns,
@@ -331,16 +332,15 @@ def _task(c: Component) -> Task:
 def timing_of(
     system: System, watch: Callable[[Component, ScheduledStep], None] | None = None
 ) -> Timing | None:
-    """The analysis of a flat system; None where it declares no time for its thread.
+    """The analysis of a flat system; None if it declares no time for its thread.
 
-    A `jitter` alone is one: who says no `wcet` counts as if it needed no time.
-
-    A deadline is the next release. `watch`: told the steps as `analyse` does.
+    A `jitter` alone is one: a component without `wcet` counts as if it needed no time. A deadline
+    is the next release. `watch`: told the steps as `analyse` does.
     """
     mine = [c for c in system.components if c.in_thread]
     if all(c.wcet_ns is None and not c.jitter_ns for c in mine):
         return None
-    tasks = [_task(c) for c in mine]
+    tasks = [_component_task(c) for c in mine]
     analysis = analyse(tasks, None if watch is None else lambda s: watch(mine[s.task], s))
     worst: list[WorstResponse | None] = [*analysis.worst] or [None] * len(tasks)
     return Timing(
@@ -356,7 +356,7 @@ def timing_of(
 
 
 def schedule_lines(timing: Timing) -> list[str]:
-    """The steps before a miss, one a line, itself the last."""
+    """A line for each of the last steps before a miss, the missing step included."""
     if timing.miss is None:
         return []
     steps = timing.miss.steps[-TOLD:]
@@ -372,7 +372,7 @@ def schedule_lines(timing: Timing) -> list[str]:
 
 
 def report_miss(timing: Timing, diagnostics: Diagnostics) -> None:
-    """R034 where the calendar cannot be kept, with the schedule that misses."""
+    """Reports R034 if a deadline is missed, with the schedule that misses it."""
     miss = timing.miss
     if miss is None:
         return

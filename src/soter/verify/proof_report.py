@@ -17,7 +17,7 @@ import numpy as np
 
 from soter.language.model.assumption_words import numbered_assumptions
 from soter.language.model.types import show_ns
-from soter.native.compiler import find, told_version
+from soter.native.compiler import compiler_version, find_compiler
 from soter.report.proof_page import (
     R1,
     R2,
@@ -226,7 +226,7 @@ def proof_page(report: VerifyReport) -> ProofPage:
             "program": report.path,
             "program sha256": report.program_sha256,
             "soter": VERSION,
-            "C compiler": told_version(find()),
+            "C compiler": compiler_version(find_compiler()),
             "python": platform.python_version(),
             "numpy": np.__version__,
         },

@@ -35,7 +35,7 @@ PATIENCE_S = 5.0
 
 
 def resume(child: int) -> None:
-    """Let a stopped child go on: an extern's code can send stop signals to its own parents.
+    """Lets a stopped child go on: an extern's code can send stop signals to its own parents.
 
     Where the user stops the command (Ctrl-Z), the caller of this is stopped as well.
     """
@@ -46,13 +46,13 @@ def resume(child: int) -> None:
 
 
 def adopt_orphans() -> None:
-    """Let processes that descendants of this process leave behind become its children."""
+    """Lets processes that descendants of this process leave behind become its children."""
     with suppress(OSError, AttributeError):
         ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1)
 
 
 def end_children() -> None:
-    """End the children of this process, and theirs, which then become its own."""
+    """Kills the children of this process, and theirs, which then become its own."""
     end = time.monotonic() + PATIENCE_S
     while time.monotonic() < end and (left := child_processes(os.getpid())):
         for process in left:
@@ -63,7 +63,7 @@ def end_children() -> None:
 
 
 def child_processes(parent: int) -> list[int]:
-    """The children of a process, from proc(5)."""
+    """The numbers of a process's children, from proc(5)."""
     children = []
     for stat in Path("/proc").glob("[0-9]*/stat"):
         with suppress(OSError):
@@ -102,7 +102,7 @@ def fork_under_supervisor(parent: int) -> int:
 
 
 def _exit_code(child: int) -> int:
-    """The exit code of a child, as `subprocess` has it; -9 where this process is to end first."""
+    """The exit code of a child, as `subprocess` has it; -9 if this process is told to end first."""
     while signal.sigwait((signal.SIGTERM, signal.SIGCHLD)) == signal.SIGCHLD:
         with suppress(ChildProcessError):
             while (ended := os.waitpid(-1, os.WNOHANG))[0]:
@@ -125,7 +125,7 @@ class DeadError(Exception):
 
 
 class Child:
-    """One child; `serve` runs in it: a function from a question to its answer."""
+    """A child process that answers questions, by the function that `serve` gives in it."""
 
     def __init__(self, serve: Callable[[], Callable[[bytes], bytes]]) -> None:
         """`serve()` is called in the child, first of all; whatever it raises ends the child."""
@@ -144,7 +144,7 @@ class Child:
         self._socket = ours
 
     def ask(self, question: bytes, patience_s: float | None) -> bytes:
-        """The answer; DeadError where there is none in time, after which the child is gone."""
+        """The child's answer; DeadError if none comes in time, after which the child is gone."""
         end = None if patience_s is None else time.monotonic() + patience_s
         try:
             self._send(HEAD.pack(len(question)) + question, end)
@@ -158,13 +158,13 @@ class Child:
             raise DeadError(self.end("")) from None
 
     def end(self, why: str = "") -> str:
-        """End the child, if it is there; return why it is gone, in words."""
+        """Ends the child, if it still runs; returns in words why it is gone."""
         self._socket.close()
         if self.process == 0:
             return why
         if why:
-            self._kill()
-        status = self._wait()
+            self._kill_child()
+        status = self._reap_child()
         self.process = 0
         code = os.waitstatus_to_exitcode(status)
         if why:
@@ -173,28 +173,28 @@ class Child:
             return f"its process was ended by {signal.Signals(-code).name}"
         return f"its process ended by itself, with exit status {code}"
 
-    def _wait(self) -> int:
-        """Its wait status; a child that has closed its side but lives on is killed.
+    def _reap_child(self) -> int:
+        """The child's wait status; a child that has closed its side but lives on is killed.
 
         What it has started ends with it: on Linux wherever it has moved (`fork_under_supervisor`),
         elsewhere only what is still in its session.
         """
-        self._look(LOOK_S)
-        self._kill()  # before it is waited for: until then the number of the group is its own
+        self._wait_for_end(LOOK_S)
+        self._kill_child()  # before it is waited for: until then the number of the group is its own
         _, status = os.waitpid(self.process, 0)
         return status
 
-    def _look(self, at_most_s: float) -> None:
-        """Wait for its end, but no longer than that."""
+    def _wait_for_end(self, at_most_s: float) -> None:
+        """Waits until the child has ended, at most this long."""
         end = time.monotonic() + at_most_s
         while not _has_ended(self.process) and time.monotonic() < end:
             time.sleep(0.001)
 
-    def _kill(self) -> None:
+    def _kill_child(self) -> None:
         if sys.platform == "linux":
             with suppress(ProcessLookupError):
                 os.kill(self.process, signal.SIGTERM)
-            self._look(PATIENCE_S + LOOK_S)  # it may take the first of them to end the others
+            self._wait_for_end(PATIENCE_S + LOOK_S)  # the first of them may take it to end others
         with suppress(ProcessLookupError, PermissionError):
             os.killpg(self.process, signal.SIGKILL)
         with suppress(ProcessLookupError):
@@ -218,7 +218,7 @@ class Child:
 
 
 def _has_ended(process: int) -> bool:
-    """Whether a child has ended; its status stays to be waited for where the system can do so."""
+    """Whether a child has ended; where the system allows it, its status can still be waited for."""
     if not hasattr(os, "waitid"):
         return False
     status = os.waitid(os.P_PID, process, os.WEXITED | os.WNOHANG | os.WNOWAIT)
@@ -226,7 +226,7 @@ def _has_ended(process: int) -> bool:
 
 
 def _wait_until_ready(side: socket.socket, end: float | None, *, write: bool) -> None:
-    """Wait until a socket may be read or written; TimeoutError."""
+    """Waits until a socket can be read or written; TimeoutError at `end`."""
     while True:
         left = SLEEPY_S if end is None else end - time.monotonic()
         if left <= 0:
@@ -240,14 +240,14 @@ def _wait_until_ready(side: socket.socket, end: float | None, *, write: bool) ->
 
 
 def _live(side: socket.socket, parent: int, serve: Callable[[], Callable[[bytes], bytes]]) -> None:
-    """The whole life of a child, with none of the parent's files open; it never returns."""
+    """Answers questions in the child, without any of the parent's files; never returns."""
     status = 1
     try:
         _leave_parent(side, parent)
         answer = serve()
         while True:
-            (length,) = HEAD.unpack(_exactly(side, HEAD.size))
-            reply = answer(_exactly(side, length))
+            (length,) = HEAD.unpack(_receive_exactly(side, HEAD.size))
+            reply = answer(_receive_exactly(side, length))
             side.sendall(HEAD.pack(len(reply)) + reply)
     except (EOFError, OSError):
         status = 0
@@ -274,7 +274,7 @@ def _leave_parent(side: socket.socket, parent: int) -> None:
 
 
 def end_with(parent: int) -> None:
-    """Have this process killed when its parent is gone, whatever it does then.
+    """Has this process killed when its parent is gone, whatever it does then.
 
     On Linux the system does it, elsewhere a thread that looks.
     """
@@ -293,7 +293,7 @@ def _watch_parent(parent: int) -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-def _exactly(side: socket.socket, count: int) -> bytes:
+def _receive_exactly(side: socket.socket, count: int) -> bytes:
     data = bytearray()
     while len(data) < count:
         part = side.recv(count - len(data))

@@ -39,12 +39,12 @@ class Exchange:
 
     @property
     def sizes(self) -> tuple[int, int]:
-        """Bytes of a request and of an answer."""
+        """The bytes of a request and of an answer."""
         return self.request.size, self.answer.size
 
 
 def make_exchange(system: System, component: Component) -> Exchange:
-    """The exchange of an extern node."""
+    """The layouts of what an extern node is asked and answers."""
     request = _layout_as_declared(request_fields(system, component))
     fields = answer_fields(component)
     answer = arrange(fields)
@@ -56,7 +56,7 @@ def make_exchange(system: System, component: Component) -> Exchange:
 
 
 def _layout_as_declared(fields: tuple[tuple[str, Type], ...]) -> Struct:
-    """How C lays out these members in this order."""
+    """The layout that C gives to a struct of these members, in this order."""
     offset, members = 0, []
     for index, (name, t) in enumerate(fields):
         offset = -(-offset // align_of(t)) * align_of(t)
@@ -68,18 +68,18 @@ def _layout_as_declared(fields: tuple[tuple[str, Type], ...]) -> Struct:
 
 
 def _layout_text(struct: Struct) -> str:
-    parts = [f"{m.name}@{m.offset}:{_type(m.type)}" for m in struct.members]
+    parts = [f"{m.name}@{m.offset}:{_type_text(m.type)}" for m in struct.members]
     return f"[{' '.join(parts)}] {struct.size}"
 
 
-def _type(t: Type) -> str:
-    """A type as a text of what its bytes mean, without names of records."""
+def _type_text(t: Type) -> str:
+    """A text that says what the bytes of a type mean, without names of records."""
     if isinstance(t, RecordType):
-        return "{" + " ".join(f"{n}:{_type(f)}" for n, f in t.fields) + "}"
+        return "{" + " ".join(f"{n}:{_type_text(f)}" for n, f in t.fields) + "}"
     if isinstance(t, ArrayType):
-        return f"{_type(t.element)}[{t.size}]"
+        return f"{_type_text(t.element)}[{t.size}]"
     if isinstance(t, ListType):
-        return f"{_type(t.element)}[<={t.capacity}]"
+        return f"{_type_text(t.element)}[<={t.capacity}]"
     if isinstance(t, EnumType):
         return f"enum({' '.join(t.members)})"
     return f"{type(t).__name__}:{size_of(t)}"
@@ -109,27 +109,27 @@ class LayoutError(Exception):
 
 
 class Channel:
-    """Both segments of a worker; `sizes` of request and answer, `number` of their layout."""
+    """Both shared segments of a worker; `sizes` of request and answer, `number` of their layout."""
 
     def __init__(self, number: int, sizes: tuple[int, int]) -> None:
         self._number = number
         self._sizes = sizes
-        self._asked = _words(REQUEST_FD, sizes[0], write=False)
-        self._given = _words(ANSWER_FD, sizes[1], write=True)
+        self._asked = _map_segment(REQUEST_FD, sizes[0], write=False)
+        self._given = _map_segment(ANSWER_FD, sizes[1], write=True)
         self._last = 0
         self._futex = _Futex(self._asked)
 
     def announce_ready(self) -> None:
-        """Tell the driver that this side waits for requests."""
-        self._write(0, 0, 0, bytes(self._sizes[1]))
+        """Tells the driver that this side waits for requests."""
+        self._write_answer(0, 0, 0, bytes(self._sizes[1]))
 
-    def next(self) -> Request:
-        """The next request; waits. LayoutError where it is not ours."""
+    def next_request(self) -> Request:
+        """Waits for the next request; LayoutError if its layout is another."""
         while True:
             seen = int(self._asked[0])
             words = self._asked.copy()
             whole = seen % 2 == 0 and seen == int(self._asked[0]) == int(words[0])
-            if seen and whole and _sum(words) == int(words[6]):
+            if seen and whole and _checksum(words) == int(words[6]):
                 if (int(words[1]), int(words[2])) != (self._number, self._sizes[0]):
                     raise LayoutError
                 if int(words[3]) != self._last:
@@ -139,32 +139,32 @@ class Channel:
             self._futex.wait(seen)
 
     def answer(self, request: Request, data: bytes | None) -> None:
-        """Answer; None: the step failed."""
+        """Answers a request; without data it says that the step failed."""
         fault = int(data is None)
-        self._write(request.number, request.time_ns, fault, data or bytes(self._sizes[1]))
+        self._write_answer(request.number, request.time_ns, fault, data or bytes(self._sizes[1]))
 
-    def _write(self, number: int, time_ns: int, fault: int, data: bytes) -> None:
+    def _write_answer(self, number: int, time_ns: int, fault: int, data: bytes) -> None:
         words = self._given
         new = np.zeros_like(words)
         new[1:6] = [self._number, self._sizes[1], number, time_ns, fault]
         padded = data.ljust(8 * (len(words) - HEAD_WORDS), b"\0")
         new[HEAD_WORDS:] = np.frombuffer(padded, dtype=np.uint64)
-        new[6] = _sum(new)
+        new[6] = _checksum(new)
         odd = int(words[0]) | 1
         words[0] = odd
         words[1:] = new[1:]
         words[0] = (odd + 1) & MASK
 
 
-def _words(fd: int, size: int, *, write: bool) -> Words:
-    """A segment as words: (8 + ceil(size / 8),)."""
+def _map_segment(fd: int, size: int, *, write: bool) -> Words:
+    """A shared segment as words, (8 + ceil(size / 8),)."""
     count = HEAD_WORDS + -(-size // 8)
     prot = mmap.PROT_READ | (mmap.PROT_WRITE if write else 0)
     return np.frombuffer(mmap.mmap(fd, 8 * count, prot=prot), dtype=np.uint64)
 
 
-def _sum(words: Words) -> int:
-    """FNV-1a over the head, without sequence and sum, and the value."""
+def _checksum(words: Words) -> int:
+    """FNV-1a over the head, without sequence and sum, and over the value."""
     total = BASIS
     listed = words.tolist()
     for word in (*listed[1:6], *listed[7:]):
@@ -173,7 +173,7 @@ def _sum(words: Words) -> int:
 
 
 class _Futex:
-    """Sleeps while a word of a segment is what it was."""
+    """Sleeps while the first word of a segment is unchanged."""
 
     def __init__(self, words: Words) -> None:
         self._at = ctypes.c_void_p(words.ctypes.data)
@@ -181,7 +181,7 @@ class _Futex:
         self._call = ctypes.CDLL(None, use_errno=True).syscall
 
     def wait(self, seen: int) -> None:
-        """Wait until the word is not `seen`; may return early, so callers look again."""
+        """Waits until the word is not `seen`; may return early, so callers look again."""
         if self._number is None or os.name != "posix":
             ctypes.CDLL(None).usleep(NAP_NS // 1000)
             return

@@ -26,8 +26,8 @@ LOOK_S = 0.1
 _noted: list[int] = []
 
 
-def _note(number: int, _frame: FrameType | None) -> None:
-    """The handler: notes the first Ctrl-C, and raises the second one wherever it comes."""
+def _note_interrupt(number: int, _frame: FrameType | None) -> None:
+    """The signal handler: notes the first Ctrl-C, and raises KeyboardInterrupt at the second."""
     if _noted:
         _noted.clear()
         raise KeyboardInterrupt
@@ -35,7 +35,7 @@ def _note(number: int, _frame: FrameType | None) -> None:
 
 
 def raise_if_interrupted() -> None:
-    """`KeyboardInterrupt` where Ctrl-C has been noted."""
+    """Raises KeyboardInterrupt if a Ctrl-C was noted."""
     if _noted:
         _noted.clear()
         raise KeyboardInterrupt
@@ -43,12 +43,12 @@ def raise_if_interrupted() -> None:
 
 @contextmanager
 def ctrl_c_waits() -> Iterator[None]:
-    """Note Ctrl-C in this block, and raise it at the end at the latest; other handlers stay."""
+    """Notes Ctrl-C in this block, and raises it at the end at the latest; other handlers stay."""
     main = threading.current_thread() is threading.main_thread()
     if not main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
         yield
         return
-    signal.signal(signal.SIGINT, _note)
+    signal.signal(signal.SIGINT, _note_interrupt)
     try:
         yield
     finally:
@@ -58,7 +58,7 @@ def ctrl_c_waits() -> Iterator[None]:
 
 @ctrl_c_waits()
 def ask_solver(solver: Any) -> Any:  # noqa: ANN401 - z3 has no types
-    """The answer of `solver.check()`; `KeyboardInterrupt` soon after a Ctrl-C in the meantime."""
+    """The result of `solver.check()`; KeyboardInterrupt soon after a Ctrl-C in the meantime."""
     raise_if_interrupted()
     if threading.current_thread() is not threading.main_thread():
         return solver.check()

@@ -16,7 +16,7 @@ from soter import SoterError, load
 from soter.api.campaigning import own_folder
 from soter.campaign.arms import NAMES, Lateness, find_arms, measure_lateness
 from soter.campaign.batch_flights import EVENT, Fleet
-from soter.campaign.result import count_faults, outside
+from soter.campaign.result import count_faults, faults_outside
 from soter.language.elaborate.derived_systems import with_forced_mode
 from soter.language.front_end import check_file, system_of
 from soter.semantics.faults import begin_times
@@ -170,7 +170,7 @@ def test_a_violation_without_a_fault_outside_is_a_defect(tmp_path: Path) -> None
 
 def test_what_was_outside_is_told_up_to_the_violation(tmp_path: Path) -> None:
     flat = flat_of(with_faults(tmp_path, "silent c at 100 per 1h for 1s; order any;"))
-    told = [outside(flat, seed, 30 * SECOND) for seed in range(20)]
+    told = [faults_outside(flat, seed, 30 * SECOND) for seed in range(20)]
     assert all("order any" in t for t in told)
     some = ["silent c at 100 per 1h for 1s" in t for t in told]
     assert any(some)

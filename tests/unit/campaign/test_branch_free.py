@@ -52,6 +52,6 @@ def test_flights_with_masks_are_flights_with_branches(
     assert source.count("const int64_t given_mask_") == 3, "the one with one side is left"
     flights = Fleet(system, 5 * SECOND).fly(range(8), first_seed=1)
     assert flights[0].violations == run_interpreted(system, 5 * SECOND, 1).violations > 0
-    monkeypatch.setattr(compiled_unit, "branch_free", lambda f: f)
+    monkeypatch.setattr(compiled_unit, "without_branches", lambda f: f)
     assert "given_mask_" not in generate_measured(system).source
     assert Fleet(system, 5 * SECOND).fly(range(8), first_seed=1) == flights

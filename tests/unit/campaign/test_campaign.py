@@ -215,9 +215,9 @@ def test_episodes_join_what_lies_close_together() -> None:
     times = [1, 2, 3, 3 + 2, 10]
     rows = [(t * SECOND, TO_SC, 0) for t in times] + [(4 * SECOND, TO_SC, 1), (0, VIOLATED, 0)]
     events = np.array(sorted(rows), dtype=EVENT)
-    assert fleets._episodes(events, 0) == 2
-    assert fleets._episodes(events, 1) == 1
-    assert fleets._episodes(events, 2) == 0
+    assert fleets._episode_count(events, 0) == 2
+    assert fleets._episode_count(events, 1) == 1
+    assert fleets._episode_count(events, 2) == 0
 
 
 def test_extern_nodes_are_refused(make: Callable[[str], Path], tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from soter.api.assurance.evidence import read_flights, replay_flights
 from soter.campaign import batch_flights
 from soter.campaign.batch_flights import Fleet
 from soter.native.cache import SOTER, computes_names
-from soter.native.shared_library import library_flags, texts
+from soter.native.shared_library import c_texts, library_flags
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -145,7 +145,7 @@ def test_what_no_key_is_of(text: str, computes: bool) -> None:
 def test_the_c_of_soter_has_a_key() -> None:
     """Or nothing of it would be kept."""
     of_soter = [p for p in SOTER.rglob("*.[ch]") if "ros" not in p.parts]
-    assert texts(*of_soter) == texts(*of_soter)
+    assert c_texts(*of_soter) == c_texts(*of_soter)
 
 
 def test_another_file_that_is_bound(tmp_path: Path) -> None:
@@ -198,7 +198,7 @@ def test_the_compiler_of_an_extern_counts_and_so_does_the_c_of_soter(
         patched.setattr(batch_flights, "library_flags", lambda o: (*library_flags(o), "-DOTHER"))
         assert "or its compiler" in refused(file)
     with monkeypatch.context() as patched:
-        patched.setattr(batch_flights, "texts", lambda *s: [*texts(*s), "changed"])
+        patched.setattr(batch_flights, "c_texts", lambda *s: [*c_texts(*s), "changed"])
         assert "another version of Soter" in refused(file)
     assert flown(file).flown == 0
 

@@ -18,7 +18,7 @@ from soter.api.assurance.certificate_check import rechecker_sha256
 from soter.certificate.reading.folder import canonical
 from soter.certificate.report import ACCEPTED, RecheckAssumption, RecheckedModule, Report
 from soter.native.cache import soter_sha256
-from soter.native.compiler import find, told_version
+from soter.native.compiler import compiler_version, find_compiler
 from soter.version import VERSION
 from unit.certificate import small_proofs
 
@@ -476,7 +476,7 @@ def test_versions_hashes_and_flags_are_those_of_what_was_used(soter: Soter, cart
     assert soter_sha256() in told["Soter"]
     for flag in ("-std=c99", "-ffp-contract=off", "-O2"):
         assert flag in told["C compiler"].split()
-    assert told_version(find()) in told["C compiler"]
+    assert compiler_version(find_compiler()) in told["C compiler"]
     foot = (cart / "out" / "index.html").read_text().split('class="foot"')[1]
     for text in (seal, soter_sha256(), rechecker_sha256(), "-ffp-contract=off"):
         assert text in foot

@@ -10,7 +10,7 @@ import processes
 from generators import c_packages
 from soter.addons import by_name
 from soter.codegen.c_names import program_prefix
-from soter.native.compiler import WARNINGS, find
+from soter.native.compiler import WARNINGS, find_compiler
 from soter.targets.c99 import c99_package
 from soter.targets.package import TARGETS, Package, PackageFile, Target
 
@@ -151,7 +151,11 @@ def test_other_externs_get_a_file_to_fill_in_that_is_kept(
     again = soter("build", "robot.soter", "-o", "out", "--json").document
     assert again["kept"] == ["externs.c"]
     assert stub.read_text() == filled
-    plain = ["make", f"CC={' '.join(find().command)}", FLAGS]  # which sees that the stub changed
+    plain = [
+        "make",
+        f"CC={' '.join(find_compiler().command)}",
+        FLAGS,
+    ]  # which sees that the stub changed
     assert c_packages.command(plain, here / "out").returncode == 0
     built = built_command(here / "out", "robot")
     run = soter(

@@ -109,7 +109,7 @@ def test_without_a_compiler_the_ways_out_are_named(
     soter: Soter, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("SOTER_CC", "nowhere-cc")
-    compiler.find.cache_clear()
+    compiler.find_compiler.cache_clear()
     try:
         done = soter("run", "cart.soter", "--until", "1s")
         assert (done.exit, soter("run", "cart.soter", "--until", "1s", "--json").codes) == (
@@ -124,7 +124,7 @@ def test_without_a_compiler_the_ways_out_are_named(
             assert way in done.err
         assert soter("run", "cart.soter", "--until", "1s", "--engine", "interp").exit == 0
     finally:
-        compiler.find.cache_clear()
+        compiler.find_compiler.cache_clear()
 
 
 def test_130_an_interrupt(soter: Soter, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -51,7 +51,7 @@ def proofs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     users, find_cached = cache.cache_dir(), cache.find_cached
 
     def found(name: str, content: str, files: tuple[str, ...]) -> Path | None:
-        entry = cache._entry(users, name, content)
+        entry = cache._entry_folder(users, name, content)
         if name == "objects" and entry.is_dir():  # of Soter's engines, not made anew
             shutil.copytree(entry, folder / "cache" / entry.name, dirs_exist_ok=True)
         return find_cached(name, content, files)

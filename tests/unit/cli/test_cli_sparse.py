@@ -12,7 +12,7 @@ from soter.api.assurance.evidence import read_flights
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.load.named_files import ReadError, read_bytes
 from soter.monitor.log_files import csv_log
-from soter.native.cache import limit
+from soter.native.cache import cache_limit
 from soter.targets.package import Package, PackageFile
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def test_the_limit_of_the_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.delenv("SOTER_CACHE_MB", raising=False)
     sparse(tmp_path / "limit", b"2048\n")
     with pytest.raises(SoterError) as caught:
-        limit()
+        cache_limit()
     assert [d.code for d in caught.value.diagnostics] == ["X006"]
 
 

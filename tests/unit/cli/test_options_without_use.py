@@ -15,7 +15,7 @@ import pytest
 import soter as api
 from soter.cli.main import COMMANDS, command_module
 from soter.cli.new import Options as NewOptions
-from soter.diagnostics.command_records import Option, made, option, options_of
+from soter.diagnostics.command_records import Option, make_record, option, options_of
 from soter.diagnostics.diagnostic import SoterError
 from soter.explore.search_options import SearchOptions
 from soter.simulate.run_options import RunOptions
@@ -233,9 +233,9 @@ def test_a_keyword_of_a_method_without_a_record_is_refused_likewise(
 def test_a_keyword_with_its_default_is_as_one_that_is_left_out(record: Any) -> None:
     """A function of somebody's own may hand on all of them."""
     defaults = {n: o.given for n, o in options_of(record, keyword=True).items()}
-    assert made(record, defaults) == made(record, {})
+    assert make_record(record, defaults) == make_record(record, {})
     if record is SearchOptions:
-        assert made(record, {**defaults, "strategy": "random"}).strategy == "random"
+        assert make_record(record, {**defaults, "strategy": "random"}).strategy == "random"
 
 
 def names(conditions: Iterator[str]) -> set[str]:

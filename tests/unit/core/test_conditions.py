@@ -9,7 +9,7 @@ import pytest
 
 from soter.api import load
 from soter.codegen import c_tree as c
-from soter.codegen.conditions import conditions_of, lacking, reached, watched
+from soter.codegen.conditions import callees, conditions_of, unshown, watching
 from soter.codegen.unit import generate
 from soter.simulate.run import NativeProgram
 
@@ -32,7 +32,7 @@ def test_each_condition_stands_in_its_line() -> None:
 def test_counters_change_no_byte_of_a_run_and_stay_out_of_what_nobody_watches() -> None:
     flat = load(CART).declared("Protected")
     plain = NativeProgram(flat)
-    with watched() as seen:
+    with watching() as seen:
         counted = NativeProgram(flat)
         assert not any(seen().values())
         first, second = (p.run(3_000_000_000, 3, hash_trace=True) for p in (plain, counted))
@@ -46,10 +46,10 @@ def test_a_run_shows_what_it_evaluated() -> None:
     flat = load(CART).declared("Protected")
     unit = generate(flat)
     at = {x.text: x for x in conditions_of(unit.tree, unit.source) if x.function == "cart_switch"}
-    with watched() as seen:
+    with watching() as seen:
         NativeProgram(flat).run(10_000_000_000, 1)
         shown = seen()
-    why = {text: lacking(shown[x.key[:2]], x.key[2]) for text, x in at.items()}
+    why = {text: unshown(shown[x.key[:2]], x.key[2]) for text, x in at.items()}
     assert why["ttf"] == why["mode == SOTER_AC"] == ""
     assert why["gate_fault"] == "never true"
     assert why["clean"] == "never false"
@@ -58,10 +58,10 @@ def test_a_run_shows_what_it_evaluated() -> None:
 def test_what_ran_before_somebody_watched_is_not_shown() -> None:
     """A process that loads a library twice has one copy of its counters."""
     flat = load(CART).declared("Protected")
-    with watched() as seen:
+    with watching() as seen:
         NativeProgram(flat).run(10_000_000_000, 1)
         first = seen()
-    with watched() as seen:
+    with watching() as seen:
         program = NativeProgram(flat)
         assert any(first.values())
         assert not any(seen().values())
@@ -91,7 +91,7 @@ def test_a_condition_is_covered_where_it_alone_changes_the_outcome(
         true = sum(1 << k for k, letter in enumerate(row) if letter == "T")
         outcome = "T" in row if decision == "or" else "F" not in row
         vectors.add((seen, true, outcome))
-    assert tuple(lacking(vectors, k) for k in range(2)) == said
+    assert tuple(unshown(vectors, k) for k in range(2)) == said
 
 
 def test_two_conditions_that_change_together_cover_neither() -> None:
@@ -100,8 +100,8 @@ def test_two_conditions_that_change_together_cover_neither() -> None:
     for a, b, d in product((False, True), repeat=3):
         seen = 1 if not a else 3 if b else 7
         vectors.add((seen, (a + 2 * b + 4 * d) & seen, a and (b or d)))
-    assert [lacking(vectors, k) for k in range(3)] == ["", "", ""]
-    assert lacking({(7, 7, True), (7, 1, False)}, 1) == "true and false, but it never decided alone"
+    assert [unshown(vectors, k) for k in range(3)] == ["", "", ""]
+    assert unshown({(7, 7, True), (7, 1, False)}, 1) == "true and false, but it never decided alone"
 
 
 def test_functions_are_reached_over_calls_and_over_names() -> None:
@@ -114,5 +114,5 @@ def test_functions_are_reached_over_calls_and_over_names() -> None:
         "c": f("c", c.Return(A)),
         "d": f("d", c.Return(c.CallExpr("a", ()))),
     }
-    assert reached(functions, ["b", "absent"]) == {"b", "c", "a"}
-    assert reached({n: functions[n] for n in "bcd"}, ["c"]) == {"c"}
+    assert callees(functions, ["b", "absent"]) == {"b", "c", "a"}
+    assert callees({n: functions[n] for n in "bcd"}, ["c"]) == {"c"}

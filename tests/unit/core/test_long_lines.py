@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from soter.codegen.c_printer import WIDTH, broken
+from soter.codegen.c_printer import WIDTH, wrapped_lines
 from work import work_of
 
 CALLS_PER_CHARACTER = 1
@@ -11,7 +11,7 @@ CALLS_PER_CHARACTER = 1
 
 def test_a_line_of_megabytes_is_broken_by_linear_work() -> None:
     line = "static const double x = { " + ", ".join(["0.1234567890123456"] * 200_000) + " };"
-    parts, calls = work_of(lambda: list(broken(line, 0)))
+    parts, calls = work_of(lambda: list(wrapped_lines(line, 0)))
     assert calls <= CALLS_PER_CHARACTER * len(line)
     assert " ".join(part.strip() for part in parts) == line
     assert max(map(len, parts)) <= WIDTH + 1
@@ -20,6 +20,6 @@ def test_a_line_of_megabytes_is_broken_by_linear_work() -> None:
 def test_strings_and_indents_are_not_broken() -> None:
     text = '"' + "a b " * 60 + '"'
     line = f"  call(first, {text}, second, {text}, third);"
-    parts = list(broken(line, 1))
+    parts = list(wrapped_lines(line, 1))
     assert sum(text in part for part in parts) == 2
     assert "".join(part.strip() for part in parts).replace(" ", "") == line.replace(" ", "")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.diagnostics.fixes import applied
+from soter.diagnostics.fixes import apply_fix
 from soter.language.front_end import check_file
 
 if TYPE_CHECKING:
@@ -130,7 +130,7 @@ def test_a_slip_of_rest_is_told_in_its_place_with_what_mends_it(tmp_path: Path, 
     (help_,) = told.helps
     assert re.search(remedy.replace("(", r"\(").replace(")", r"\)"), help_)
     for fix in told.fixes:
-        ((_, mended),) = applied(fix).items()
+        ((_, mended),) = apply_fix(fix).items()
         assert _told(tmp_path, mended) == []
 
 

@@ -12,8 +12,8 @@ from xml.etree import ElementTree as ET
 import pytest
 
 from soter.diagram.layered_layout import Link, Spot, lay_out
-from soter.diagram.svg import draw, picture
-from soter.diagram.system_graph import DiagramBox, DiagramGraph, cells, graph_of
+from soter.diagram.svg import draw_graph, picture
+from soter.diagram.system_graph import DiagramBox, DiagramGraph, boxes_in, graph_of
 from soter.language.front_end import check_file, system_of
 from tables import all_rows
 
@@ -76,7 +76,7 @@ def drawn_flows(graph: DiagramGraph) -> set[tuple[str, str, str]]:
     inside: dict[str, tuple[DiagramBox, ...]] = {}
 
     def note(part: object) -> None:
-        inside[part.key] = cells(part)  # type: ignore[attr-defined, arg-type]
+        inside[part.key] = boxes_in(part)  # type: ignore[attr-defined, arg-type]
         for inner in getattr(part, "inside", ()):
             note(inner)
 
@@ -95,7 +95,7 @@ def drawn_flows(graph: DiagramGraph) -> set[tuple[str, str, str]]:
 
 def test_every_component_and_every_flow_is_drawn_and_no_other(system: System) -> None:
     graph = graph_of(system)
-    boxes = [cell for part in graph.parts for cell in cells(part)]
+    boxes = [cell for part in graph.parts for cell in boxes_in(part)]
     components = [n for c in boxes if c.kind not in {"topic", "input"} for n in c.names]
     assert sorted(components) == sorted(c.name for c in system.components)
     assert drawn_flows(graph) == flows(system)
@@ -178,7 +178,7 @@ def test_names_cannot_leave_their_text() -> None:
     graph = DiagramGraph(
         "<script>", (DiagramBox('t:"><b>', "topic", ("<b>&",), "", ('"><b>',)),), ()
     )
-    root = parsed(draw(graph))
+    root = parsed(draw_graph(graph))
     assert [e.tag for e in root.iter() if e.tag.endswith(("script", "}b"))] == []
 
 

@@ -9,7 +9,7 @@ from lsprotocol import types as lsp
 
 from editor_client import Editor, edited
 from soter.diagnostics.diagnostic import Source
-from soter.diagnostics.fixes import applied
+from soter.diagnostics.fixes import apply_fix
 from soter.editor import requests as lenses
 from soter.editor.documents import Documents
 from soter.editor.protocol_conversions import Lines, path_of, uri_of
@@ -87,7 +87,7 @@ def test_every_edit_of_a_help_arrives_as_it_is_meant(path: Path) -> None:
     assert checked.loaded is not None
     main = checked.loaded.main.source
     mine = [d for d in checked.diagnostics.items if d.primary and d.primary.span.source is main]
-    meant = [applied(f) for d in mine for f in d.fixes]
+    meant = [apply_fix(f) for d in mine for f in d.fixes]
     assert len(offered) == len(meant)
     for edit, texts in zip(offered, meant, strict=True):
         assert edit is not None

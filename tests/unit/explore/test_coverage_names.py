@@ -11,12 +11,12 @@ from soter.explore.engine.coverage import (
     Coverage,
     CoverageKind,
     CoveredLeaf,
-    branches_part,
+    branches_coverage,
     leaf_classes,
     leaf_value,
-    modules_parts,
+    modules_coverage,
     value_class,
-    values_part,
+    values_coverage,
 )
 from soter.explore.search_options import SearchOptions
 from soter.language.front_end import check_file, system_of_test
@@ -109,12 +109,14 @@ def test_the_scalar_at_a_path() -> None:
 def test_small_sets_are_numbered_from_their_least_value() -> None:
     row = [0] * 256
     row[8] = row[10] = 1
-    part = values_part([CoveredLeaf("t", IntType(-1, 1), -1, 1)], [row])
+    part = values_coverage([CoveredLeaf("t", IntType(-1, 1), -1, 1)], [row])
     assert (part.reached, part.total, part.unreached) == (2, 3, ("t = 0",))
 
 
 def test_a_forced_module_has_one_mode_and_no_switches() -> None:
-    modes, switches = modules_parts([("A", None), ("B", "ac")], [[1, 0], [0, 1]], [[0, 0], [0, 0]])
+    modes, switches = modules_coverage(
+        [("A", None), ("B", "ac")], [[1, 0], [0, 1]], [[0, 0], [0, 0]]
+    )
     assert modes == CoverageKind(3, ("A in AC",))
     assert switches == CoverageKind(2, ("A to SC", "A to AC"))
 
@@ -122,7 +124,7 @@ def test_a_forced_module_has_one_mode_and_no_switches() -> None:
 def test_branches_are_bits_of_words_of_64() -> None:
     names = [f"branch {i}" for i in range(70)]
     bits = [2**64 - 1 - 2, 0b100001]
-    assert branches_part(names, bits).unreached == (
+    assert branches_coverage(names, bits).unreached == (
         "branch 1",
         *[f"branch {i}" for i in range(65, 69)],
     )

@@ -10,8 +10,8 @@ import pytest
 
 import soter
 from generators.brute_force import BruteForce
-from soter.api.exploring import test_with_times
-from soter.diagnostics.command_records import bytes_of, made
+from soter.api.exploring import with_skew_and_horizon
+from soter.diagnostics.command_records import bytes_of, make_record
 from soter.explore.command import TraceHeader, UnreproducedError, explore_test
 from soter.explore.replay import replay
 from soter.explore.search_options import SearchOptions
@@ -193,14 +193,14 @@ def test_values_count_as_reached_where_they_are_the_default() -> None:
 
 def test_other_times_make_another_test() -> None:
     system = system_of_text(TESTED, "Far")
-    other = test_with_times(system, 5_000_000, 30_000_000)
+    other = with_skew_and_horizon(system, 5_000_000, 30_000_000)
     assert other.test is not None
     assert (other.test.skew_ns, other.test.horizon_ns) == (5_000_000, 30_000_000)
     assert system.test is not None
     assert system.test.skew_ns == 0
     for skew, horizon in ((-1, None), (None, 0), (2**63, None)):
         with pytest.raises(soter.SoterError, match="U001"):
-            test_with_times(system, skew, horizon)
+            with_skew_and_horizon(system, skew, horizon)
 
 
 def test_sizes_are_read_as_people_write_them() -> None:
@@ -208,7 +208,7 @@ def test_sizes_are_read_as_people_write_them() -> None:
     assert bytes_of(12) == bytes_of("12") == 12
     assert bytes_of("x") is bytes_of("-1") is bytes_of("1" * 400) is bytes_of(True) is None
     with pytest.raises(soter.SoterError) as error:
-        made(
+        make_record(
             SearchOptions,
             {
                 "strategy": "x",

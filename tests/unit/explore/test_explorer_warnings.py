@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import processes
 from soter.explore.engine.explorer_library import FLAGS, c_sources
-from soter.native.compiler import STRICT, WARNINGS, find
+from soter.native.compiler import STRICT, WARNINGS, find_compiler
 from soter.native.shared_library import RUNTIME, include_flags
 from tables import all_rows
 
@@ -17,6 +17,14 @@ if TYPE_CHECKING:
 @all_rows("file", [f for f in c_sources() if f.suffix == ".c"], ids=lambda f: f.stem)
 def test_a_file_of_the_explorer_has_no_warning(file: Path) -> None:
     include = (f"-I{RUNTIME}", *include_flags(*c_sources()))
-    command = [*find().command, *STRICT, *WARNINGS, *FLAGS, *include, "-fsyntax-only", str(file)]
+    command = [
+        *find_compiler().command,
+        *STRICT,
+        *WARNINGS,
+        *FLAGS,
+        *include,
+        "-fsyntax-only",
+        str(file),
+    ]
     done = processes.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

@@ -78,7 +78,7 @@ def test_a_combination_is_violated_iff_it_is_reached_at_one_time(
 ) -> None:
     engine = engine_of(walkers(f"{BOTH} {joint};"))
     assert engine.explore(EngineSettings()).status == ("violated" if broken else "exhausted")
-    assert ComposedSearch.fits(engine, EngineSettings())
+    assert ComposedSearch.can_search(engine, EngineSettings())
     explorations = ComposedSearch(engine, EngineSettings(), None).run(math.inf)
     assert explorations is not None
     assert explorations[-1].status == ("violated" if broken else "exhausted")
@@ -117,14 +117,14 @@ def test_a_person_is_told_how_many_parts_there_are() -> None:
 )
 def test_where_more_is_shared_all_of_it_is_explored(test: str, why: str) -> None:
     engine = engine_of(walkers(test))
-    assert not ComposedSearch.fits(engine, EngineSettings()), why
+    assert not ComposedSearch.can_search(engine, EngineSettings()), why
 
 
 def test_with_several_starts_nothing_is_joined() -> None:
     test = "horizon 40ms; always a < 9 || p < 9;"
     load = walkers(test).replace("next s", "state load: float in [0.0, 1.0];\n  next s")
     engine = engine_of(load)
-    assert ComposedSearch.fits(engine, EngineSettings())
+    assert ComposedSearch.can_search(engine, EngineSettings())
     assert ComposedSearch(engine, EngineSettings(), None).run(math.inf) is None
 
 
@@ -133,8 +133,8 @@ def test_with_several_starts_nothing_is_joined() -> None:
 )
 def test_other_searches_join_nothing(changed: dict[str, str]) -> None:
     engine = engine_of(walkers(BOTH + "always a < 9 || b < 3;"))
-    assert ComposedSearch.fits(engine, EngineSettings())
-    assert not ComposedSearch.fits(engine, EngineSettings(**changed))  # type: ignore[arg-type]
+    assert ComposedSearch.can_search(engine, EngineSettings())
+    assert not ComposedSearch.can_search(engine, EngineSettings(**changed))  # type: ignore[arg-type]
 
 
 LONG = """soter 1;

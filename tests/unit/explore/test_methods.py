@@ -12,7 +12,7 @@ import pytest
 
 from soter.api.program import Program
 from soter.cli.main import command_parser
-from soter.diagnostics.command_records import made, options_of
+from soter.diagnostics.command_records import make_record, options_of
 from soter.diagnostics.diagnostic import SoterError
 from soter.explore.search_options import (
     REDUCTIONS,
@@ -20,7 +20,7 @@ from soter.explore.search_options import (
     STRATEGIES,
     SearchKeywords,
     SearchOptions,
-    constant,
+    c_constant,
 )
 from soter.simulate.run_options import RunKeywords, RunOptions
 
@@ -39,14 +39,14 @@ def enum(name: str) -> list[str]:
 
 
 def test_the_c_has_a_constant_for_each() -> None:
-    assert [constant(s) for s in STRATEGIES] == enum("soter_strategy")
-    assert [constant(s) for s in STORAGES] == enum("soter_storage")
+    assert [c_constant(s) for s in STRATEGIES] == enum("soter_strategy")
+    assert [c_constant(s) for s in STORAGES] == enum("soter_storage")
 
 
 def test_the_engine_leads_each_strategy_to_its_own_search() -> None:
     door = (ENGINE / "soter_explore.c").read_text(encoding="utf-8")
     case_pairs = re.findall(r"case (SOTER_\w+):\s+(soter_search_\w+)\(s\);\s+return;", door)
-    assert case_pairs == [(constant(s), f"soter_search_{s}") for s in STRATEGIES]
+    assert case_pairs == [(c_constant(s), f"soter_search_{s}") for s in STRATEGIES]
 
 
 def test_the_schema_of_results_names_them_all() -> None:
@@ -115,7 +115,7 @@ def test_the_options_that_the_guide_compares_are_there() -> None:
 )
 def test_a_value_outside_is_refused_with_its_range(given: dict[str, Any], allowed: str) -> None:
     with pytest.raises(SoterError) as error:
-        made(SearchOptions, given)
+        make_record(SearchOptions, given)
     (problem,) = error.value.diagnostics
     ((name, value),) = given.items()
     assert (problem.code, problem.message) == ("U001", f"`{name}` cannot be `{value}`")
@@ -125,13 +125,13 @@ def test_a_value_outside_is_refused_with_its_range(given: dict[str, Any], allowe
 def test_what_nobody_may_ask_for_is_no_keyword() -> None:
     for name in ("stratgy", "keep", "plainly"):
         with pytest.raises(TypeError, match=name):
-            made(SearchOptions, {name: 1})
+            make_record(SearchOptions, {name: 1})
 
 
 def test_a_keyword_of_a_version_before_is_refused_with_what_to_do() -> None:
     for name in ("checkpoint", "checkpoint_every", "resume"):
         with pytest.raises(SoterError) as error:
-            made(SearchOptions, {name: "save"})
+            make_record(SearchOptions, {name: "save"})
         (problem,) = error.value.diagnostics
         assert (problem.code, len(problem.helps)) == ("U001", 1)
 

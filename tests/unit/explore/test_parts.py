@@ -93,7 +93,7 @@ def test_a_part_is_completed_to_an_execution_of_the_whole(tmp_path: Path) -> Non
     settings = EngineSettings(part=engine.parts[1])
     alone = engine.explore(settings)
     assert alone.status == "violated"
-    whole = engine.complete(settings, alone.steps)
+    whole = engine.complete_trace(settings, alone.steps)
     assert whole is not None
     assert len(whole.steps) > len(alone.steps)
     possible, broken, _ = engine.replay(whole.steps, settings.seed)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.api.exploring import test_with_times
+from soter.api.exploring import with_skew_and_horizon
 from soter.api.program import load
 from soter.cli.main import main
 from soter.diagnostics.diagnostic import SoterError
@@ -168,7 +168,7 @@ def test_the_deployed_order_is_told_and_excludes_a_skew(
     assert any("within an instant in the deployed order, inputs first" in s for s in said)
     system = system_of_test(check_file("p.soter", text), "AsItIs")
     with pytest.raises(SoterError) as problem:
-        test_with_times(system, 1_000_000, None)
+        with_skew_and_horizon(system, 1_000_000, None)
     assert problem.value.diagnostics[0].code == "E017"
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from generators.damaged_json import MISSING, damaged
 from soter.diagnostics.diagnostic import SoterError
-from soter.explore.trace import BYTES_MAX, program_path, read_trace, to_document, write_trace
+from soter.explore.trace import BYTES_MAX, program_path, read_trace, trace_document, write_trace
 from unit.explore.explored_programs import TESTED
 from unit.explore.random_walks import system_of_text, walk
 
@@ -111,7 +111,7 @@ WRONG: tuple[object, ...] = (None, True, -1.5, HUGE, -HUGE, "x", [], {}, [[]], {
 def test_no_field_of_a_wrong_kind_gets_past(trace: Trace, tmp_path: Path) -> None:
     """Anything in any place: a trace, or D010; never something else."""
     with_choices = [s for s in trace.steps if s.choices]
-    document = to_document(replace(trace, steps=tuple(with_choices[:1])))
+    document = trace_document(replace(trace, steps=tuple(with_choices[:1])))
     path, refused = tmp_path / "a.json", 0
     for _, _, changed in damaged(document, (*WRONG, MISSING)):
         path.write_text(json.dumps(changed))
@@ -127,7 +127,7 @@ def test_no_field_of_a_wrong_kind_gets_past(trace: Trace, tmp_path: Path) -> Non
 
 
 def test_a_pick_beyond_its_alternatives_is_refused(trace: Trace, tmp_path: Path) -> None:
-    document: Any = to_document(trace)
+    document: Any = trace_document(trace)
     step = next(s for s in document["steps"] if s["choices"])
     step["choices"][0]["pick"] = step["choices"][0]["of"]
     (tmp_path / "a.json").write_text(json.dumps(document))

@@ -10,7 +10,7 @@ import pytest
 from soter import SoterError, load
 from soter.api.assurance.certificate_check import compiler_used
 from soter.native import shared_library
-from soter.native.compiler import compile_with, find
+from soter.native.compiler import compile_with, find_compiler
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -18,12 +18,12 @@ if TYPE_CHECKING:
 
 def test_flags_that_the_user_gives_the_compiler_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
     plain = compiler_used().split()
-    monkeypatch.setenv("SOTER_CC", f"{find().command[0]} -DNAMED -fno-common")
-    find.cache_clear()
+    monkeypatch.setenv("SOTER_CC", f"{find_compiler().command[0]} -DNAMED -fno-common")
+    find_compiler.cache_clear()
     try:
         told = compiler_used().split()
     finally:
-        find.cache_clear()
+        find_compiler.cache_clear()
     assert [word for word in told if word not in plain] == ["-DNAMED", "-fno-common"]
 
 

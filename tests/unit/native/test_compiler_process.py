@@ -91,7 +91,7 @@ def test_noise_in_the_place_of_c_is_told(tmp_path: Path, *, lines: bool) -> None
     raw = chance.randbytes(2**20)
     text = bytes(10 if k % 60 == 0 else 32 + b % 95 for k, b in enumerate(raw)) if lines else raw
     (tmp_path / "noise.c").write_bytes(text)
-    command = [*compiler.find().command, "-std=c99", "-c", "noise.c", "-o", os.devnull]
+    command = [*compiler.find_compiler().command, "-std=c99", "-c", "noise.c", "-o", os.devnull]
     with pytest.raises(SoterError) as caught:
         compiler.compile_with(command, tmp_path, "no", telling=("error",))
     (problem,) = caught.value.diagnostics

@@ -12,7 +12,7 @@ import pytest
 import processes
 from soter.explore.engine.explorer_library import FLAGS as EXPLORER
 from soter.native.cache import SOTER
-from soter.native.compiler import STRICT, WARNINGS, find
+from soter.native.compiler import STRICT, WARNINGS, find_compiler
 from soter.native.shared_library import CHECK_FAILED, RUNTIME, include_flags
 from soter.verify.enclose.compiled_enclosures import FLAGS as SETS
 
@@ -99,7 +99,7 @@ def test_the_switch_decides_whether_assertions_are_checked(
 ) -> None:
     (tmp_path / "odd.c").write_text(C, encoding="utf-8")
     made = str(tmp_path / "odd")
-    build = [*find().command, *STRICT, *WARNINGS, *flags, f"-I{RUNTIME}", "-o", made]
+    build = [*find_compiler().command, *STRICT, *WARNINGS, *flags, f"-I{RUNTIME}", "-o", made]
     built = _run([*build, str(tmp_path / "odd.c"), str(CHECK_FAILED)])
     assert built.returncode == 0, built.stderr
     done = _run([made])
@@ -121,7 +121,7 @@ def test_a_form_that_encloses_nothing_is_a_defect(tmp_path: Path, where: str, ca
     (tmp_path / "forms.c").write_text(FORMS % call, encoding="utf-8")
     made = str(tmp_path / "forms")
     headers = include_flags(SOTER / "verify" / "engine" / "soter_form.h")
-    build = [*find().command, *STRICT, *WARNINGS, *headers, "-o", made, str(CHECK_FAILED)]
+    build = [*find_compiler().command, *STRICT, *WARNINGS, *headers, "-o", made, str(CHECK_FAILED)]
     built = _run([*build, str(tmp_path / "forms.c"), "-lm"])
     assert built.returncode == 0, built.stderr
     done = _run([made])
@@ -146,7 +146,7 @@ def test_what_may_be_no_number_is_anything(tmp_path: Path, operation: str) -> No
     (tmp_path / "wild.c").write_text(source, encoding="utf-8")
     made = str(tmp_path / "wild")
     headers = include_flags(SOTER / "verify" / "engine" / "soter_form.h")
-    build = [*find().command, *STRICT, *WARNINGS, *headers, "-o", made, str(CHECK_FAILED)]
+    build = [*find_compiler().command, *STRICT, *WARNINGS, *headers, "-o", made, str(CHECK_FAILED)]
     built = _run([*build, str(tmp_path / "wild.c"), "-lm"])
     assert built.returncode == 0, built.stderr
     done = _run([made])

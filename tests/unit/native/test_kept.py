@@ -238,7 +238,7 @@ def test_one_process_looks_for_room_and_another_does_not_at_once(
     os.utime(folder / cache.LOOKED_FILE, (then, then))
     text = (
         "from soter.native import cache\n"
-        "cache._used = lambda folder: print('looks') or []\n"
+        "cache._entries_in = lambda folder: print('looks') or []\n"
         "cache.cached('thing', 'b' * 64, ('file',), lambda at: (at / 'file').touch())\n"
     )
     done = processes.run((sys.executable, "-c", text), capture_output=True, check=True)

@@ -11,8 +11,8 @@ import pytest
 from soter.codegen.unit import generate
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_of
-from soter.native.cache import included
-from soter.native.compiler import compile_with, find
+from soter.native.cache import included_files
+from soter.native.compiler import compile_with, find_compiler
 from soter.native.shared_library import KERNEL, RUNTIME, library
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def test_what_lies_beside_an_extern_does_not_matter(unit: Unit, tmp_path: Path) 
 def test_includes_in_a_circle_end(tmp_path: Path) -> None:
     (tmp_path / "a.h").write_text('#include "b.h"\n')
     (tmp_path / "b.h").write_text('#include "a.h"\n')
-    assert len(included(str(tmp_path / "a.h"))) == len(["a.h", "b.h"])
+    assert len(included_files(str(tmp_path / "a.h"))) == len(["a.h", "b.h"])
 
 
 def test_a_cache_that_others_may_write_to_is_not_used(unit: Unit, tmp_path: Path) -> None:
@@ -112,11 +112,11 @@ def test_the_kernel_is_compiled_once_for_programs_compiled_alike(
 def test_what_was_compiled_with_other_flags_of_the_compiler_is_not_taken(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    command = find().command[0]
+    command = find_compiler().command[0]
     identities = []
     for flags in ("", " -O0", " -DNAMED"):
         monkeypatch.setenv("SOTER_CC", command + flags)
-        find.cache_clear()
-        identities.append(find().identity)
-    find.cache_clear()
+        find_compiler.cache_clear()
+        identities.append(find_compiler().identity)
+    find_compiler.cache_clear()
     assert len(set(identities)) == 3

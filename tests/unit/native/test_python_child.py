@@ -129,4 +129,4 @@ def test_lateness_without_load_is_refused(code: str, monkeypatch: pytest.MonkeyP
 def test_a_lateness_that_is_none_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "c-lateness.json").write_text(text)
     with pytest.raises(SoterError, match="it is no lateness"):
-        arms.kept_measurement(tmp_path / "c-lateness.json", 0.1)
+        arms.stored_lateness(tmp_path / "c-lateness.json", 0.1)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.native.compiler import find
-from soter.native.stack_bound import RED_ZONE, SILENT, StackBound, stack_of
+from soter.native.compiler import find_compiler
+from soter.native.stack_bound import RED_ZONE, SILENT, StackBound, stack_bound
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -45,15 +45,15 @@ def _compiler(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -
     if shutil.which(request.param) is None:
         pytest.skip(f"no {request.param} here")
     monkeypatch.setenv("SOTER_CC", request.param)
-    find.cache_clear()
+    find_compiler.cache_clear()
     yield
     monkeypatch.undo()
-    find.cache_clear()
+    find_compiler.cache_clear()
 
 
 def bound(*left_out: str, **files: str) -> StackBound:
     texts = {f"{name}.c": text for name, text in files.items()}
-    return stack_of({"user.h": HEADER, **texts}, "user_", left_out)
+    return stack_bound({"user.h": HEADER, **texts}, "user_", left_out)
 
 
 def test_frames_along_the_dearest_way_are_added() -> None:
@@ -119,7 +119,7 @@ def test_a_compiler_that_says_nothing_gives_no_figure(
     )
     script.chmod(0o755)
     monkeypatch.setenv("SOTER_CC", str(script))
-    find.cache_clear()
+    find_compiler.cache_clear()
     stack_bound = bound(main=MAIN, other=OTHER)
     assert stack_bound.bytes is None
     assert "no stack usage" in stack_bound.why
@@ -136,7 +136,7 @@ def test_assembly_of_a_processor_that_is_not_known_is_not_guessed_at(
     )
     script.chmod(0o755)
     monkeypatch.setenv("SOTER_CC", str(script))
-    find.cache_clear()
+    find_compiler.cache_clear()
     stack_bound = bound(main=MAIN, other=OTHER)
     assert stack_bound.bytes is None
     assert stack_bound.why == SILENT
@@ -144,7 +144,7 @@ def test_assembly_of_a_processor_that_is_not_known_is_not_guessed_at(
 
 def test_no_compiler_at_all_gives_no_figure(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SOTER_CC", "there-is-none")
-    find.cache_clear()
+    find_compiler.cache_clear()
     stack_bound = bound(main=MAIN, other=OTHER)
     assert stack_bound.bytes is None
     assert "no C compiler" in stack_bound.why

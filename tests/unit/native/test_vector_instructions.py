@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.native.compiler import MEANING, VECTORS, of_processor, vector_flags
+from soter.native.compiler import MEANING, VECTORS, processor_flags, vector_flags
 
 if TYPE_CHECKING:
     import pytest
@@ -14,13 +14,13 @@ CORE = "processor\t: {}\nmodel name\t: of a test\nflags\t\t: fpu sse2 {}\n\n"
 
 def test_a_processor_has_what_all_of_its_cores_have() -> None:
     eight, four = VECTORS
-    assert of_processor(CORE.format(0, "avx2 fma") + CORE.format(1, "avx2")) == four
+    assert processor_flags(CORE.format(0, "avx2 fma") + CORE.format(1, "avx2")) == four
     both = "avx2 avx512f avx512dq"
-    assert of_processor(CORE.format(0, both) + CORE.format(1, both)) == eight
-    assert of_processor(CORE.format(0, both) + CORE.format(1, "avx2 avx512f")) == four
-    assert of_processor(CORE.format(0, "avx2") + CORE.format(1, "avx")) == ()
-    assert of_processor(CORE.format(0, "avx avx2_of_another_name")) == ()
-    assert of_processor("") == ()
+    assert processor_flags(CORE.format(0, both) + CORE.format(1, both)) == eight
+    assert processor_flags(CORE.format(0, both) + CORE.format(1, "avx2 avx512f")) == four
+    assert processor_flags(CORE.format(0, "avx2") + CORE.format(1, "avx")) == ()
+    assert processor_flags(CORE.format(0, "avx avx2_of_another_name")) == ()
+    assert processor_flags("") == ()
 
 
 def test_other_processors_get_no_flag(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,7 +14,7 @@ import pytest
 import processes
 import soter
 from soter.playground.session import PlaygroundSession, check, explain, layout, start
-from soter.playground.write import ROOMS, archive, own_examples
+from soter.playground.write import ROOMS, own_examples, soter_archive
 
 ROOT = Path(__file__).resolve().parents[3]
 CART = (ROOT / "examples" / "wall" / "cart.soter").read_text(encoding="utf-8")
@@ -107,7 +107,7 @@ def test_texts_are_laid_out_and_codes_explained() -> None:
 
 def test_the_rooms_in_the_page_are_enough_and_need_no_numpy(tmp_path: Path) -> None:
     whole = tmp_path / "whole"
-    zipfile.ZipFile(io.BytesIO(archive(own_examples()))).extractall(whole)
+    zipfile.ZipFile(io.BytesIO(soter_archive(own_examples()))).extractall(whole)
     code = (
         "import sys\n"
         f"sys.path[:] = [{str(whole)!r}, *(p for p in sys.path if 'site-packages' not in p)]\n"

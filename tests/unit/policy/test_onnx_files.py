@@ -10,7 +10,7 @@ import pytest
 from policy_files import onnx_of, random_layers  # type: ignore[import-not-found]
 
 from soter.diagnostics.diagnostic import SoterError
-from soter.policy.network import answer
+from soter.policy.network import last_layer
 from soter.policy.soter_source import error_bound
 from soter.version import pip_install
 
@@ -58,7 +58,7 @@ def test_layers_are_what_onnxruntime_runs(tmp_path: Path, activation: str, endin
     for _ in range(100):
         x = rng.uniform(-4.0, 4.0, 3)
         session.observation[:] = x
-        mine = answer(network, x.astype(np.float32))
+        mine = last_layer(network, x.astype(np.float32))
         if network.choices:
             assert session.run() == [int(mine.argmax())]
         else:
@@ -101,7 +101,7 @@ def test_arithmetic_with_constants_is_read_and_run(tmp_path: Path) -> None:
     for _ in range(100):
         x = rng.uniform(-4.0, 4.0, 4)
         session.observation[:] = x
-        distance = np.abs(session.run() - answer(network, x.astype(np.float32)))
+        distance = np.abs(session.run() - last_layer(network, x.astype(np.float32)))
         assert (distance <= 2.0 * error_bound(network, x, x)).all()
 
 
@@ -137,7 +137,7 @@ def test_a_broadcast_by_constants_is_read(tmp_path: Path) -> None:
         network, session = read_onnx(path).network, OnnxSession(path)
         for x in (-3.0, 0.25, 7.0):
             session.observation[:] = x
-            assert session.run() == answer(network, np.array([x], np.float32)).tolist()
+            assert session.run() == last_layer(network, np.array([x], np.float32)).tolist()
 
 
 @pytest.mark.parametrize(

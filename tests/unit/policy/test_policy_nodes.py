@@ -15,7 +15,7 @@ from soter.cli.terminal.console import Console
 from soter.cli.terminal.run_summary import run_summary
 from soter.core.layout import decode_from, encode_into
 from soter.diagnostics.diagnostic import SoterError
-from soter.policy.network import made_ready
+from soter.policy.network import prepare_network
 from soter.policy.sb3_file import read_sb3
 from soter.simulate.externs.extern_process import RealTimeResponder, write_spec
 from soter.workers.exchange import make_exchange
@@ -172,7 +172,7 @@ def test_the_process_of_real_time_answers_what_the_engine_would(tmp_path: Path) 
     answer = server.step(bytes(request))
     assert answer is not None
     (sent,) = [m for m in exchange.answer.members if m.name == "push"]
-    given, run, _ = made_ready(read_sb3(tmp_path / "sac.zip").network)
+    given, run, _ = prepare_network(read_sb3(tmp_path / "sac.zip").network)
     given[:] = 0.5, -0.25, 3.0
     assert decode_from(bytearray(answer), sent.offset, sent.type) == float(run()[0])
 

@@ -16,7 +16,15 @@ from policy_files import FILES, change_pickle, changed, renamed  # type: ignore[
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.load.named_files import binding_of
 from soter.language.model.types import ArrayType, FloatType, IntType, RecordType
-from soter.policy.network import Activation, Affine, Lstm, Network, Standardised, answer, made_ready
+from soter.policy.network import (
+    Activation,
+    Affine,
+    Lstm,
+    Network,
+    Standardised,
+    last_layer,
+    prepare_network,
+)
 from soter.policy.policy_extern import load_policy, sha256_of_files
 from soter.policy.sb3_file import read_sb3
 from soter.policy.soter_source import error_bound, soter_source
@@ -190,7 +198,7 @@ def test_activations_are_their_formulas() -> None:
     }
     for name, numbers in wanted.items():
         network = Network(3, (Activation(name),))
-        assert answer(network, at).tolist() == pytest.approx(numbers, abs=1e-6)
+        assert last_layer(network, at).tolist() == pytest.approx(numbers, abs=1e-6)
 
 
 def test_a_cell_keeps_what_it_is_told_to() -> None:
@@ -200,7 +208,7 @@ def test_a_cell_keeps_what_it_is_told_to() -> None:
     for forget, wanted in ((open_, [np.tanh(0.5), 2.0 * np.tanh(0.5)]), (shut, [np.tanh(0.5)] * 2)):
         bias = np.array([open_, forget, 0.0, open_], np.float32)
         one = Affine(np.ones((1, 1), np.float32), np.zeros(1, np.float32))
-        given, run, reset = made_ready(Network(1, (Lstm(weight, bias), one)))
+        given, run, reset = prepare_network(Network(1, (Lstm(weight, bias), one)))
         for _ in range(2):
             reset()
             given[:] = 0.5

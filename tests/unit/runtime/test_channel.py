@@ -14,7 +14,7 @@ import processes
 from generators.c_packages import command, make
 from generators.posix_packages import FAST as AC
 from generators.posix_packages import FORGIVING, cart_with_extern
-from soter.native.compiler import find
+from soter.native.compiler import find_compiler
 from soter.native.shared_library import RUNTIME
 from soter.workers import exchange as channel_of_python
 
@@ -120,7 +120,7 @@ def test_the_driver_is_clean_under_sanitizers(tmp_path: Path, kind: str) -> None
 @pytest.fixture(scope="module")
 def c_side(tmp_path_factory: pytest.TempPathFactory) -> Any:
     library = tmp_path_factory.mktemp("channel") / "channel.so"
-    to_library = [*find().command, "-shared", "-fPIC", "-o", str(library)]
+    to_library = [*find_compiler().command, "-shared", "-fPIC", "-o", str(library)]
     sources = [str(POSIX / name) for name in ("soter_channel.c", "soter_posix_check.c")]
     processes.run([*to_library, f"-I{RUNTIME}", *sources], check=True)
     return ctypes.CDLL(str(library))
@@ -148,7 +148,7 @@ def test_python_reads_what_c_wrote_and_c_what_python_answered(
     asked = ctypes.c_char.from_buffer(both[0])
     given = ctypes.c_char.from_buffer(both[1])
     c_side.soter_channel_write(ctypes.byref(asked), head, ctypes.c_size_t(size), value)
-    request = side.next()
+    request = side.next_request()
     assert (request.number, request.time_ns, request.data) == (5, 123, bytes(value)[:size])
 
     def read(number: int, layout: int = 99) -> int:
@@ -188,4 +188,4 @@ def test_a_request_of_another_layout_is_an_error(
     asked = ctypes.c_char.from_buffer(both[0])
     c_side.soter_channel_write(ctypes.byref(asked), head, ctypes.c_size_t(8), value)
     with pytest.raises(channel_of_python.LayoutError):
-        side.next()
+        side.next_request()

@@ -13,7 +13,7 @@ import pytest
 
 import processes
 from soter.api import load
-from soter.native.compiler import STRICT, WARNINGS, find
+from soter.native.compiler import STRICT, WARNINGS, find_compiler
 from soter.native.shared_library import CHECK_FAILED, RUNTIME
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ OF_GRANTS = {
 def grant(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("grant")
     (folder / "main.c").write_text(GRANT)
-    words = [*find().command, *STRICT, *WARNINGS, "-O1", f"-I{RUNTIME}", "main.c"]
+    words = [*find_compiler().command, *STRICT, *WARNINGS, "-O1", f"-I{RUNTIME}", "main.c"]
     sources = [RUNTIME / "soter_grant.c", CHECK_FAILED]
     processes.run([*words, *sources, "-o", "grant"], cwd=folder, check=True)
     return folder / "grant"

@@ -9,7 +9,7 @@ import pytest
 from cffi import FFI
 
 import processes
-from soter.native.compiler import STRICT, WARNINGS, find
+from soter.native.compiler import STRICT, WARNINGS, find_compiler
 from soter.native.shared_library import CHECK_FAILED, RUNTIME
 
 if TYPE_CHECKING:
@@ -20,7 +20,16 @@ if TYPE_CHECKING:
 def sha256(tmp_path_factory: pytest.TempPathFactory) -> Any:
     path: Path = tmp_path_factory.mktemp("sha256") / "sha256.so"
     source = str(RUNTIME / "soter_sha256.c")
-    command = [*find().command, *STRICT, *WARNINGS, "-O2", "-fPIC", "-shared", "-o", str(path)]
+    command = [
+        *find_compiler().command,
+        *STRICT,
+        *WARNINGS,
+        "-O2",
+        "-fPIC",
+        "-shared",
+        "-o",
+        str(path),
+    ]
     processes.run([*command, f"-I{RUNTIME}", source, str(CHECK_FAILED)], check=True)
     ffi = FFI()
     ffi.cdef("""

@@ -11,7 +11,7 @@ import pytest
 from cffi import FFI
 
 import processes
-from soter.native.compiler import STRICT, WARNINGS, find
+from soter.native.compiler import STRICT, WARNINGS, find_compiler
 from soter.native.shared_library import RUNTIME
 from tables import all_rows
 
@@ -32,7 +32,7 @@ def code(tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, Any]:
     """(ffi, library)."""
     made: Path = tmp_path_factory.mktemp("text") / "text.so"
     flags = [*STRICT, *WARNINGS, "-O1", "-fPIC", "-shared", f"-I{RUNTIME}", f"-I{POSIX}"]
-    words = [*find().command, *flags, str(POSIX / "soter_status_text.c"), "-o", str(made)]
+    words = [*find_compiler().command, *flags, str(POSIX / "soter_status_text.c"), "-o", str(made)]
     done = processes.run(words, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     ffi = FFI()

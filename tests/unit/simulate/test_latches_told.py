@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from soter.language.front_end import check_file, system_of
-from soter.simulate.decisions import latch_rows, steps
+from soter.simulate.decisions import decision_steps, latch_rows
 from soter.simulate.run import NativeProgram, run_interpreted
 from soter.simulate.run_report import run_chart
 
@@ -63,10 +63,10 @@ WORDS = {
 def test_every_step_says_what_the_latch_waits_for(returns: str) -> None:
     system = system_of(check_file("track.soter", CART.replace("RETURNS", returns)), None)
     run = NativeProgram(system).run(60 * S, 3, keep_trace=True)
-    told = list(steps(run.system, run.require_trace()))
+    told = list(decision_steps(run.system, run.require_trace()))
     assert {d.reason for d in told} == WORDS[returns]
     again = run_interpreted(system, 5 * S, 3, keep_trace=True)
-    assert list(steps(system, again.require_trace())) == told[: 5 * 20 + 1]
+    assert list(decision_steps(system, again.require_trace())) == told[: 5 * 20 + 1]
 
 
 @pytest.mark.parametrize("returns", WORDS)

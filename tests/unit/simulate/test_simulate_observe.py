@@ -13,9 +13,9 @@ import pytest
 
 from soter.semantics.externs import Stop
 from soter.simulate import run_observer
-from soter.simulate.decisions import PredicateValues, reason, steps
+from soter.simulate.decisions import PredicateValues, decision_reason, decision_steps
 from soter.simulate.explain_decision import Explainer
-from soter.simulate.interrupt import StopRequest, stoppable
+from soter.simulate.interrupt import StopRequest, stoppable_run
 from soter.simulate.run import NativeProgram, run_interpreted
 from soter.simulate.run_fields import DOCUMENT, final_values, scalars
 
@@ -33,7 +33,7 @@ def test_both_engines_leave_the_same_record(cart: Cart) -> None:
     native = NativeProgram(cart("Protected")).run(5 * S, 3, keep_trace=True, hash_trace=True)
     interpreted = run_interpreted(cart("Protected"), 5 * S, 3, keep_trace=True)
     assert native.changes == interpreted.changes
-    decided = [list(steps(r.system, r.require_trace())) for r in (native, interpreted)]
+    decided = [list(decision_steps(r.system, r.require_trace())) for r in (native, interpreted)]
     assert decided[0] == decided[1]
     one, two = DOCUMENT.of(native), DOCUMENT.of(interpreted)
     for name in ("engine", "wall_s"):
@@ -82,21 +82,21 @@ def test_decisions_have_reasons(cart: Cart) -> None:
         "ttf: must hold wherever φ_safe could be left within 2Δ (`soter verify` checks that)",
     )
     explainer = Explainer(run.system, run.layout)
-    every = list(steps(run.system, run.require_trace(), None, explainer))
+    every = list(decision_steps(run.system, run.require_trace(), None, explainer))
     assert len(every) == 101
     assert [d for d in every if d.before != d.after] == run.decisions
 
 
 def test_every_reason_is_said() -> None:
     calm = PredicateValues(ttf=False, safer=True, stale=False, gate_fault=False)
-    assert reason("AC", "AC", calm) == ""
+    assert decision_reason("AC", "AC", calm) == ""
     bad = PredicateValues(ttf=True, safer=False, stale=True, gate_fault=True, clean_needed=2)
-    assert reason("AC", "SC", bad) == (
+    assert decision_reason("AC", "SC", bad) == (
         "ttf: must hold wherever φ_safe could be left within 2Δ (`soter verify` checks that) "
         "and stale: an input is older than its max_age, or inputs are of different instants "
         "and gate fault: an output of AC was refused"
     )
-    assert reason("SC", "SC", bad) == (
+    assert decision_reason("SC", "SC", bad) == (
         "stale: an input is older than its max_age, or inputs are of different instants "
         "and not safer yet and AC owes 2 clean outputs"
     )
@@ -116,7 +116,7 @@ def test_final_values_by_full_name(cart: Cart) -> None:
 
 def test_a_stop_ends_at_an_instant_and_is_a_run_until_there(cart: Cart) -> None:
     stop = StopRequest()
-    with stoppable(stop):
+    with stoppable_run(stop):
 
         def enough(share: float) -> None:
             stop.wanted = share > 0.01
@@ -132,7 +132,7 @@ def test_a_stop_ends_at_an_instant_and_is_a_run_until_there(cart: Cart) -> None:
 
 def test_the_interpreter_stops_too(cart: Cart) -> None:
     stop = StopRequest()
-    with stoppable(stop):
+    with stoppable_run(stop):
 
         def enough(_: float) -> None:
             stop.wanted = True
@@ -144,7 +144,7 @@ def test_the_interpreter_stops_too(cart: Cart) -> None:
 
 def test_ctrl_c_asks_and_inside_an_extern_breaks_off() -> None:
     stop = StopRequest()
-    with stoppable(stop):
+    with stoppable_run(stop):
         os.kill(os.getpid(), signal.SIGINT)
         assert stop.wanted
         stop.in_extern = True
@@ -159,7 +159,7 @@ def test_other_handlers_and_threads_are_left_alone() -> None:
 
     before = signal.signal(signal.SIGINT, own)
     try:
-        with stoppable(StopRequest()):
+        with stoppable_run(StopRequest()):
             assert signal.getsignal(signal.SIGINT) is own
     finally:
         signal.signal(signal.SIGINT, before)
@@ -167,7 +167,7 @@ def test_other_handlers_and_threads_are_left_alone() -> None:
 
     def elsewhere() -> None:
         stop = StopRequest()
-        with stoppable(stop):
+        with stoppable_run(stop):
             seen.append(stop.wanted)
 
     thread = threading.Thread(target=elsewhere)

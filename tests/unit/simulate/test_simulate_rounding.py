@@ -12,7 +12,7 @@ import soter
 from generators.c_packages import CART
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.evaluate.arithmetic import restore_plain, why_not_plain
-from soter.native.compiler import find
+from soter.native.compiler import find_compiler
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -58,7 +58,7 @@ def program(tmp_path: Path) -> soter.Program:
 @pytest.fixture
 def library(tmp_path: Path) -> ctypes.CDLL:
     (tmp_path / "up.c").write_text(LIBRARY)
-    command = [*find().command, "-shared", "-fPIC", "up.c", "-o", "up.so", "-lm"]
+    command = [*find_compiler().command, "-shared", "-fPIC", "up.c", "-o", "up.so", "-lm"]
     processes.run(command, cwd=tmp_path, check=True)
     return ctypes.CDLL(str(tmp_path / "up.so"))
 

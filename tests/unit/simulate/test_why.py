@@ -64,7 +64,7 @@ def every(of: Run) -> list[decisions.DecisionStepRecord]:
     assert of.trace is not None
     steps = []
     rows = np.flatnonzero(decided_rows(of.system, of.trace)[:, 0])
-    for row, d in zip(rows, decisions.steps(of.system, of.trace), strict=True):
+    for row, d in zip(rows, decisions.decision_steps(of.system, of.trace), strict=True):
         raw = of.trace[row - 1].tobytes() if row else None
         why = explainer.explain(0, raw, of.trace[row].tobytes())
         steps.append(replace(d, why=why))

@@ -26,7 +26,7 @@ import soter
 from generators.c_packages import EXAMPLES, command, package
 from long_tests import examples, seed_of
 from soter.language.front_end import check_file, system_of
-from soter.native.compiler import STANDARD, WARNINGS, find
+from soter.native.compiler import STANDARD, WARNINGS, find_compiler
 from soter.native.shared_library import CHECK_FAILED, RUNTIME
 from soter.targets.leases_and_lateness import age_limits, lease_times
 from soter.verify.problem.extract import extract
@@ -443,7 +443,7 @@ def test_a_killed_trusted_part_and_its_restart(tmp_path: Path) -> None:
     package(STOP, tmp_path)
     (tmp_path / "main.c").write_text(MAIN)
     sources = sorted(p.name for p in tmp_path.glob("*.c") if p.name != "soter_app.c")
-    built = [*find().command, STANDARD, *WARNINGS, "-ffp-contract=off", "-I.", *sources]
+    built = [*find_compiler().command, STANDARD, *WARNINGS, "-ffp-contract=off", "-I.", *sources]
     compiled = command([*built, str(CHECK_FAILED), "-o", "own", "-lm"], tmp_path)
     assert compiled.returncode == 0, compiled.stderr
     said = command(["./own"], tmp_path).stdout.split("\n")
@@ -457,7 +457,7 @@ def test_the_actuator_side_needs_nothing_of_the_program(tmp_path: Path) -> None:
         ("soter_lease", {"memcpy"}),
         ("soter_grant", {"soter_check_failed"}),
     ):
-        done = command([*find().command, STANDARD, *WARNINGS, "-c", f"{name}.c"], tmp_path)
+        done = command([*find_compiler().command, STANDARD, *WARNINGS, "-c", f"{name}.c"], tmp_path)
         assert done.returncode == 0, done.stderr
         said = command(["nm", f"{name}.o"], tmp_path).stdout
         assert " T " in said or " R " in said or " D " in said, said
@@ -472,7 +472,7 @@ def test_names_that_c_writes_alike_stay_two(tmp_path: Path) -> None:
     for target in ("c", "posix"):
         soter.load(tmp_path / "p.soter").build(target, tmp_path / target)
         for name in ("p_lease", "p_grant"):
-            words = [*find().command, STANDARD, *WARNINGS, "-I.", "-c", f"{name}.c"]
+            words = [*find_compiler().command, STANDARD, *WARNINGS, "-I.", "-c", f"{name}.c"]
             done = command(words, tmp_path / target)
             assert done.returncode == 0, done.stderr
         written = (tmp_path / target / "p_lease.h").read_text()

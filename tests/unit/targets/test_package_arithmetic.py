@@ -9,7 +9,7 @@ import pytest
 
 import soter
 from generators.c_packages import CART, command, make, package, trace
-from soter.native.compiler import find
+from soter.native.compiler import find_compiler
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -41,7 +41,7 @@ def cart(tmp_path: Path) -> Path:
 
 
 def predefined(folder: Path, *flags: str) -> str:
-    asked = [*find().command, *flags, "-dM", "-E", "-x", "c", "/dev/null"]
+    asked = [*find_compiler().command, *flags, "-dM", "-E", "-x", "c", "/dev/null"]
     said: str = command(asked, folder).stdout
     return said
 
@@ -71,7 +71,9 @@ def test_the_flags_of_the_meaning_win_over_those_of_a_person(cart: Path, flags: 
 @pytest.mark.parametrize("flag", ["-ffast-math", "-Ofast", "-ffinite-math-only"])
 def test_without_the_makefile_the_header_refuses_them(cart: Path, flag: str) -> None:
     sources = sorted(p.name for p in cart.glob("*.c"))
-    built = command([*find().command, "-std=c99", flag, *sources, "-o", "cart", "-lm"], cart)
+    built = command(
+        [*find_compiler().command, "-std=c99", flag, *sources, "-o", "cart", "-lm"], cart
+    )
     assert built.returncode != 0
     assert re.search(r"error.*soter: -f[a-z-]+.* removes the gate and the monitors", built.stderr)
     assert not (cart / "cart").exists()
@@ -108,12 +110,12 @@ def test_flags_of_the_programs_own_file_are_found_too(cart: Path, flags: str, sa
         pytest.skip("these are flags of gcc on x86")
     if "march" in flags and "__FMA__" not in predefined(cart, "-march=native"):
         pytest.skip("needs a processor with a fused multiply-add")
-    compiler = [*find().command, "-I.", "-O2", "-c"]
+    compiler = [*find_compiler().command, "-I.", "-O2", "-c"]
     sources = sorted(p.name for p in cart.glob("*.c"))
     assert command([*compiler, "-std=c99", *sources], cart).returncode == 0
     assert command([*compiler, *flags.split(), "cart.c"], cart).returncode == 0
     objects = [s.replace(".c", ".o") for s in sources]
-    assert command([*find().command, *objects, "-o", "cart", "-lm"], cart).returncode == 0
+    assert command([*find_compiler().command, *objects, "-o", "cart", "-lm"], cart).returncode == 0
     ran = command(["./cart"], cart)
     assert (ran.returncode, ran.stdout) == (1, "")
     assert said in ran.stderr
@@ -121,7 +123,7 @@ def test_flags_of_the_programs_own_file_are_found_too(cart: Path, flags: str, sa
 
 def test_ones_own_main_may_ask_whether_the_machine_computes_as_it_should(cart: Path) -> None:
     (cart / "own.c").write_text(OWN_MAIN)
-    compiler = [*find().command, "-std=c99", "-frounding-math", "-I."]
+    compiler = [*find_compiler().command, "-std=c99", "-frounding-math", "-I."]
     built = command([*compiler, "own.c", "soter_self_test.c", "-o", "own", "-lm"], cart)
     assert built.returncode == 0, built.stderr
     ran = command(["./own"], cart)

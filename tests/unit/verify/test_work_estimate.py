@@ -69,7 +69,8 @@ def test_what_computes_tables_before_it_flies_says_how_long(
     began = []
 
     none = SimpleNamespace(proof=None, cells=None)
-    empty = SimpleNamespace(failures_of=lambda _: [none], failures=[], sets=SimpleNamespace(proofs=[]))
+    sets = SimpleNamespace(proofs=[])
+    empty = SimpleNamespace(failures_of=lambda _: [none], failures=[], sets=sets)
 
     def case(_library: object, small: Problem, _: object) -> SimpleNamespace:
         began.append(cell_count(small))

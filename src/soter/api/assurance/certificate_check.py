@@ -33,7 +33,7 @@ from soter.diagnostics.system_texts import reason
 from soter.language.front_end import system_to_prove
 from soter.language.load.named_files import opened
 from soter.native.cache import SOTER, files_below, soter_sha256
-from soter.native.compiler import find, told_version
+from soter.native.compiler import compiler_version, find_compiler
 from soter.native.shared_library import library_flags
 from soter.version import VERSION
 
@@ -224,8 +224,8 @@ def rechecker_sha256() -> str:
 
 def compiler_used() -> str:
     """The compiler that compiles decision modules here, and its flags; SoterError X005."""
-    compiler = find()
-    return f"{told_version(compiler)}; {' '.join((*compiler.flags, *library_flags()))}"
+    compiler = find_compiler()
+    return f"{compiler_version(compiler)}; {' '.join((*compiler.flags, *library_flags()))}"
 
 
 def case_provenance(proof: CertifiedProof, command: str) -> dict[str, str]:

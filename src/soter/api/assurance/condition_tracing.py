@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING, Any
 
 from soter.api.arguments import end_ns
 from soter.api.assurance.hazard_traceability import LAW
-from soter.codegen.conditions import conditions_of, functions_of, lacking, reached, watched
+from soter.codegen.conditions import callees, conditions_of, functions_of, unshown, watching
 from soter.codegen.unit import UnitBuilder
 from soter.core.steps import lower
 from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import SoterError
 from soter.native.bindings import bind
 from soter.report.safety_case import ConditionTrace, TracedCondition
-from soter.simulate.externs.callables import callables, close
+from soter.simulate.externs.callables import callables, close_externs
 from soter.simulate.interrupt import StopRequest
 from soter.simulate.run import NativeProgram
 
@@ -54,7 +54,7 @@ def trace_conditions(
     unit = builder.run()
     functions = functions_of(unit.tree)
     direct = {
-        (item.id, name): reached(functions, _root_functions(builder, flat, name))
+        (item.id, name): callees(functions, _root_functions(builder, flat, name))
         for item in case.traceability.items
         for name in item.traces_to
         if name in item.properties
@@ -66,7 +66,7 @@ def trace_conditions(
     evidence = list(_summed_up(shown))
     found = []
     for x in conditions_of(unit.tree, unit.source):
-        missing = [lacking(seen.get(x.key[:2], set()), x.key[2]) for _, seen in evidence]
+        missing = [unshown(seen.get(x.key[:2], set()), x.key[2]) for _, seen in evidence]
         said = PLACE.fullmatch(x.of)
         assert said is not None
         core, source = said.groups("")
@@ -98,7 +98,7 @@ def _root_functions(builder: UnitBuilder, flat: System, name: str) -> list[str]:
 def _shown_by_flights(flat: System) -> Iterator[tuple[str, Shown]]:
     """What flights with seeds 1 to `RUNS` show; where externs are not bound, why there are none."""
     phase("flying to see conditions")
-    with watched() as seen:
+    with watching() as seen:
         try:
             bindings = bind(flat, {})
             bound = callables(bindings, "native", StopRequest())
@@ -108,7 +108,7 @@ def _shown_by_flights(flat: System) -> Iterator[tuple[str, Shown]]:
                     program.run(end_ns(flat, None), seed, bound)
                     yield f"run of {flat.name}, seed {seed}", seen()
             finally:
-                close(bound)
+                close_externs(bound)
         except SoterError as error:
             yield f"no run of {flat.name}: {error}", {}
 
@@ -117,7 +117,7 @@ def _shown_by_dm_check(case: SafetyCase, flat: System) -> Iterator[tuple[str, Sh
     """What the check of the decision modules shows; it says where one differs."""
     from soter.verify.deploy.dm_check import check_decisions  # noqa: PLC0415 - compiles
 
-    with watched() as seen:
+    with watching() as seen:
         try:
             checks = check_decisions(flat)
         except (SoterError, NotImplementedError) as error:

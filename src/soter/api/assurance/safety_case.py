@@ -34,7 +34,7 @@ from soter.api.assurance.hazard_traceability import NUMBER, Tracing
 from soter.api.assurance.predicate_inlining import expanded_predicates
 from soter.api.exploring import chosen_tests
 from soter.api.rechecking import require_flint
-from soter.codegen.conditions import watched
+from soter.codegen.conditions import watching
 from soter.diagnostics.command_records import needless
 from soter.diagnostics.diagnostic import SoterError, mistake
 from soter.language.elaborate.derived_systems import faultless
@@ -417,7 +417,7 @@ def _add_tests(
     case: SafetyCase, evidence: Evidence, *, explored: bool, counted: bool
 ) -> list[tuple[str, Any]]:
     """Adds the goals of tests, and returns what these show of conditions, if that is `counted`."""
-    with watched() if counted else nullcontext() as seen:
+    with watching() if counted else nullcontext() as seen:
         evidence.add_tests(case, explored=explored)
         return [("the tests of the program", seen())] if seen and explored else []
 

@@ -14,7 +14,7 @@ from contextlib import suppress
 from inspect import cleandoc
 from typing import TYPE_CHECKING, Any, NoReturn, Protocol, TypeAlias
 
-from soter.diagnostics.command_records import Option, gone, options_of
+from soter.diagnostics.command_records import Option, options_of, removed_flags
 from soter.diagnostics.diagnostic import SoterError
 
 if TYPE_CHECKING:
@@ -94,7 +94,7 @@ class CommandParser(argparse.ArgumentParser):
 
     def read_line(self, line: Sequence[str]) -> argparse.Namespace:
         """The arguments of a line; `written`: names of what stands there. SoterError U001: gone."""
-        if problems := gone(self.record, [word.partition("=")[0] for word in line]):
+        if problems := removed_flags(self.record, [word.partition("=")[0] for word in line]):
             raise SoterError(problems)
         defaults = {action.dest: action.default for action in self._actions}
         dashed = {action.dest for action in self._actions if action.option_strings}

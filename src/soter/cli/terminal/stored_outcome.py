@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Any
 from soter.cli.terminal.console import Console, painted
 from soter.diagnostics.diagnostic import SoterError
 from soter.native.cache import cache_dir, digest, find_cached, is_ours, new_entry, soter_sha256
-from soter.native.compiler import find
+from soter.native.compiler import find_compiler
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -124,7 +124,7 @@ def store_outcome(
 
 def _content_hash(file: str, words: Sequence[str], contents: Mapping[str, str]) -> str:
     """A hash over everything that an outcome rests on."""
-    compiler = find()
+    compiler = find_compiler()
     made_by = [soter_sha256(), compiler.identity, *compiler.flags, sys.version, platform.platform()]
     made_by += [f"{name} {_package_version(name)}" for name in PACKAGES]
     files = [part for pair in sorted(contents.items()) for part in pair]

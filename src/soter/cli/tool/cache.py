@@ -15,7 +15,7 @@ from soter.cli.terminal.command_line import UsageError
 from soter.cli.terminal.command_outcome import CommandOutcome
 from soter.cli.terminal.console import Console, disk_size
 from soter.diagnostics.command_records import choice, option, read_by
-from soter.native.cache import LIMIT, YOUNG_S, cache_dir, clear, entries, limit, set_limit
+from soter.native.cache import LIMIT, YOUNG_S, cache_dir, cache_limit, clear, entries, set_limit
 
 EXAMPLES = f"""\
   soter cache                  where it is, what it holds, how much it may hold
@@ -55,7 +55,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     removed = clear() if args.action == "clear" else None
     if args.size is not None:
         set_limit(args.size)
-    cache_entries, (most, said_by) = entries(), limit()
+    cache_entries, (most, said_by) = entries(), cache_limit()
     held = sum(size for _, size, _ in cache_entries)
     if removed is not None:
         noun = "entry" if removed[0] == 1 else "entries"

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from soter.cli.terminal.command_outcome import DIAGNOSTICS, CommandOutcome
-from soter.diagnostics.codes import all_codes, explain, named, suggestions, title
+from soter.diagnostics.codes import all_codes, explain, known_code, suggestions, title
 from soter.diagnostics.command_records import option
 from soter.diagnostics.diagnostic import Diagnostic
 from soter.diagnostics.render import safe
@@ -40,7 +40,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Prints the page of the code, or the list of codes; a diagnostic for an unknown code."""
     if args.code is None:
         return _list_codes(console)
-    code = named(args.code)
+    code = known_code(args.code)
     page = explain(args.code)
     if page is None or code is None:
         return _unknown_code_outcome(args.code)

@@ -50,7 +50,7 @@ class CoverageKind:
         return self.total - len(self.unreached)
 
     def merge(self, other: CoverageKind) -> CoverageKind:
-        """The coverage of two searches of the same program together."""
+        """The coverage of two searches of the same program, taken together."""
         both = set(other.unreached)
         return CoverageKind(self.total, tuple([n for n in self.unreached if n in both]))
 
@@ -102,10 +102,10 @@ class CoveredLeaf:
 
 
 def leaf_classes(leaf: CoveredLeaf) -> list[tuple[int, str]]:
-    """The classes that the values of a leaf fall into: the engine's number, and a name.
+    """The classes of a leaf's values: the engine's number of each, and its name.
 
-    A value belongs to one class: an end of its set first, otherwise what lies between the ends,
-    below, at and above zero.
+    Each value has one class: an end of its set, or else what lies between the ends below, at or
+    above zero.
     """
     if isinstance(leaf.type, BoolType):
         return [(0, f"{leaf.name} = false"), (1, f"{leaf.name} = true")]
@@ -119,9 +119,9 @@ def leaf_classes(leaf: CoveredLeaf) -> list[tuple[int, str]]:
 
 
 def value_class(leaf: CoveredLeaf, value: float) -> int:
-    """The engine's number of the class of a value (`class_of` in soter_explore_step.c).
+    """The engine's number for the class of a value (`class_of` in soter_explore_step.c).
 
-    -1: none; it has room for the first members of an enum only.
+    -1 for a member of an enum beyond the first `MEMBERS`: it has no class.
     """
     if isinstance(leaf.type, (BoolType, EnumType)):
         return int(value) if value < MEMBERS else -1
@@ -133,7 +133,7 @@ def value_class(leaf: CoveredLeaf, value: float) -> int:
 
 
 def leaf_value(type_: Type, value: object, path: Sequence[str]) -> object:
-    """The scalar at a path of `leaves(t)` in a value; None where it has none there."""
+    """The scalar at a path of `leaves(t)` in a value; None if the path leads into a list."""
     for part in path:
         assert isinstance(value, tuple)
         if isinstance(type_, RecordType):
@@ -147,7 +147,7 @@ def leaf_value(type_: Type, value: object, path: Sequence[str]) -> object:
 
 
 def _possible_classes(leaf: CoveredLeaf) -> list[int]:
-    """The numbers of the classes in which a leaf's values may be."""
+    """The numbers of the classes that a leaf's values can have."""
     low, high = leaf.low, leaf.high
     bounded_below, bounded_above = low > -float("inf"), high < float("inf")
     classes = [0] if bounded_below else []
@@ -160,6 +160,7 @@ def _possible_classes(leaf: CoveredLeaf) -> list[int]:
 
 
 def _class_name(leaf: CoveredLeaf, number: int) -> str:
+    """The name of a class of values, such as `speed in (0, 3)`."""
     if number in (0, 1, 3):
         return f"{leaf.name} = {_number_text(leaf, (leaf.low, leaf.high, 0, 0.0)[number])}"
     low, high = (leaf.low, min(leaf.high, 0.0)) if number == 2 else (max(leaf.low, 0.0), leaf.high)
@@ -176,8 +177,8 @@ def _number_text(leaf: CoveredLeaf, value: float) -> str:
     return str(int(value)) if isinstance(leaf.type, IntType) else f"{value:.9g}"
 
 
-def values_part(leaves: Sequence[CoveredLeaf], seen: Sequence[Sequence[int]]) -> CoverageKind:
-    """The coverage of values; `seen`: by leaf and class number, whether a value was published."""
+def values_coverage(leaves: Sequence[CoveredLeaf], seen: Sequence[Sequence[int]]) -> CoverageKind:
+    """The coverage of values; `seen`: by leaf and class number, 1 if such a value was published."""
     return kind_coverage(
         (name, bool(row[number]))
         for leaf, row in zip(leaves, seen, strict=True)
@@ -185,7 +186,7 @@ def values_part(leaves: Sequence[CoveredLeaf], seen: Sequence[Sequence[int]]) ->
     )
 
 
-def modules_parts(
+def modules_coverage(
     modules: Sequence[tuple[str, str | None]],
     modes: Sequence[Sequence[int]],
     switches: Sequence[Sequence[int]],
@@ -202,8 +203,8 @@ def modules_parts(
     return kind_coverage(named_modes), kind_coverage(named_switches)
 
 
-def branches_part(names: Sequence[str], bits: Sequence[int]) -> CoverageKind:
-    """The coverage of branches, by names; branch b is bit b % 64 of word b // 64 of `bits`."""
+def branches_coverage(names: Sequence[str], bits: Sequence[int]) -> CoverageKind:
+    """The coverage of named branches; branch b is bit b % 64 of word b 64 of `bits`."""
     return kind_coverage(
         (name, bool(bits[b // 64] >> (b % 64) & 1)) for b, name in enumerate(names)
     )
@@ -228,7 +229,7 @@ class EngineProgress:
 
 
 def read_progress(progress: Any, seconds: float) -> EngineProgress:  # noqa: ANN401 - cdata
-    """The progress that the explorer writes while it searches (`soter_explore_progress`)."""
+    """Reads the `soter_explore_progress` that the C search updates as it goes."""
     return EngineProgress(
         states=int(progress.states),
         transitions=int(progress.transitions),
@@ -295,7 +296,7 @@ def empty_counters(system: System, model: ExplorerModel) -> CoverageCounters:
 
 
 def coverage_struct(seen: CoverageCounters, ffi: Any) -> Any:  # noqa: ANN401 - cdata
-    """The `soter_explore_coverage` by which the engine adds what it sees to `seen`."""
+    """The `soter_explore_coverage` through which the C search adds its coverage to `seen`."""
     places = {
         name: ffi.cast("uint64_t *" if name == "branches" else "uint8_t *", array.ctypes.data)
         for name, array in vars(seen).items()

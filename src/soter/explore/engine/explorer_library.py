@@ -21,7 +21,7 @@ from soter.core.steps import lower
 from soter.explore.engine.coverage import coverage_struct, empty_counters, read_progress
 from soter.explore.model.exploration_plan import (
     IndependentPart,
-    find_loose_parts,
+    find_joined_parts,
     find_parts,
     make_plan,
 )
@@ -30,11 +30,11 @@ from soter.explore.search_options import (
     STATUSES,
     STEPS_MAX,
     SearchOptions,
-    constant,
-    knows_ends,
-    reduce_bits,
+    c_constant,
+    reduction_bits,
+    stores_only_ends,
 )
-from soter.native.c_interface import address, declarations, interface, opened
+from soter.native.c_interface import address, declarations, interface, open_library
 from soter.native.cache import files_below
 from soter.native.shared_library import RUNTIME, library
 
@@ -62,12 +62,12 @@ S = TypeVar("S")
 
 
 def c_sources() -> tuple[Path, ...]:
-    """The files of the explorer's C, headers included."""
+    """The C files of the explorer, headers included."""
     return tuple(files_below(C_FOLDER, "*.[ch]"))
 
 
 def explorer_interface() -> Any:  # noqa: ANN401 - cffi has no types
-    """The explorer's declarations, for cffi."""
+    """The cffi object with the declarations of the explorer's C."""
     headers = (RUNTIME / "soter.h", C_FOLDER / "soter_explore.h")
     return interface(*(declarations(header) for header in headers))
 
@@ -162,7 +162,7 @@ Searched = SearchResult[RawStep]
 
 
 class Engine:
-    """The explorer on one system that was flattened for a test."""
+    """The compiled explorer for one system that was flattened for a test."""
 
     def __init__(
         self, system: System, lowered: CoreSystem | None = None, extra: tuple[str, ...] = ()
@@ -173,12 +173,12 @@ class Engine:
         self.system = system
         self.plan = make_plan(system, lowered)
         self.parts = find_parts(system, lowered, self.plan)
-        self.loose = find_loose_parts(system, lowered, self.plan)
+        self.loose = find_joined_parts(system, lowered, self.plan)
         self.generated = generate_model(system, lowered, self.plan)
         self.actors = self.plan.actors
         self.path = library(self.generated.unit, "-O2", (*FLAGS, *extra), c_sources())
         self.ffi = explorer_interface()
-        self.lib = opened(self.ffi, self.path)
+        self.lib = open_library(self.ffi, self.path)
         for name in C_TYPES.split(","):
             self.ffi.typeof(name.strip())
         self.model = address(self.ffi, self.path, self.generated.symbol, "const soter_model *")
@@ -191,13 +191,13 @@ class Engine:
         self.seen = empty_counters(system, self.generated)
 
     def close(self) -> None:
-        """Frees the memory of kept configurations."""
+        """Frees the configurations that the last search kept."""
         if self._kept != self.ffi.NULL:
             self.lib.soter_explore_free(self._kept)
             self._kept = self.ffi.NULL
 
     def take_stored(self) -> Any:  # noqa: ANN401 - cdata
-        """What the last search kept; the caller has to free it (`soter_explore_free`)."""
+        """Hands over what the last search kept; the caller frees it with `soter_explore_free`."""
         kept, self._kept = self._kept, self.ffi.NULL
         return kept
 
@@ -209,9 +209,9 @@ class Engine:
         look: Callable[[EngineProgress], None] | None = None,
         patience_s: float = math.inf,
     ) -> Searched:
-        """Searches until the end, a bound or Ctrl-C; `look` is told ten times a second.
+        """Searches to the end, a bound, Ctrl-C, or for `patience_s` seconds.
 
-        After `patience_s` seconds the search ends.
+        `look` gets the progress ten times a second.
         """
         coverage = self.coverage()
 
@@ -220,7 +220,7 @@ class Engine:
                 self.model, options, progress, coverage, result, trace, STEPS_MAX
             )
 
-        return self._run(settings, look, search, patience_s)
+        return self._run_search(settings, look, search, patience_s)
 
     def least(
         self,
@@ -229,9 +229,9 @@ class Engine:
         look: Callable[[EngineProgress], None] | None = None,
         patience_s: float = math.inf,
     ) -> Searched:
-        """The least trace to a violation of the same thing; its status is then `violated`.
+        """Searches the shortest trace to the same violation, for at most `patience_s` seconds.
 
-        After `patience_s` seconds the search ends.
+        The status is `violated` if it was found.
         """
         violation = self.ffi.new("soter_broken *", {"what": broken[0], "index": broken[1]})
 
@@ -240,9 +240,9 @@ class Engine:
                 self.model, options, violation[0], progress, result, trace, STEPS_MAX
             )
 
-        return self._run(settings, look, search, patience_s)
+        return self._run_search(settings, look, search, patience_s)
 
-    def _run(
+    def _run_search(
         self,
         settings: EngineSettings,
         look: Callable[[EngineProgress], None] | None,
@@ -269,7 +269,7 @@ class Engine:
         look: Callable[[EngineProgress], None] | None,
         patience_s: float,
     ) -> str:
-        """Runs `do` in a thread of its own; what ended it early, "" where nothing did."""
+        """Runs `do` in a thread; returns what stopped it early, "" if nothing did."""
         failures: list[BaseException] = []
         done = threading.Event()
 
@@ -294,7 +294,7 @@ class Engine:
         look: Callable[[EngineProgress], None] | None,
         patience_s: float,
     ) -> str:
-        """Waits for the search and returns what ended it; an interruption ends it in order.
+        """Waits for the thread and returns what stopped it; Ctrl-C makes the search end in order.
 
         Not with `Thread.join`: after an interruption Python 3.11 takes the thread for ended, and
         the memory to which it still writes would be freed.
@@ -319,15 +319,16 @@ class Engine:
         return stopped
 
     def options(self, settings: EngineSettings) -> Any:  # noqa: ANN401 - cdata
-        """The `soter_explore_options` of a search; what it points to lives until the next call."""
+        """The `soter_explore_options` of a search; its pointers are valid until the next call."""
+        only_ends = stores_only_ends(settings.reduction)
         known = [{"what": kind, "index": index} for kind, index in settings.known]
         self._known = self.ffi.new("soter_broken[]", known)  # lives as long as the options
         return self.ffi.new(
             "soter_explore_options *",
             {
-                "strategy": getattr(self.lib, constant(settings.strategy)),
-                "storage": getattr(self.lib, constant(settings.storage)),
-                "reduce": reduce_bits(settings.reduction, between=settings.between),
+                "strategy": getattr(self.lib, c_constant(settings.strategy)),
+                "storage": getattr(self.lib, c_constant(settings.storage)),
+                "reduce": reduction_bits(settings.reduction, between=settings.between),
                 "threads": settings.threads,
                 "memory": settings.memory,
                 "max_states": settings.max_states,
@@ -340,7 +341,7 @@ class Engine:
                 "keep": settings.keep,
                 "plainly": settings.plainly,
                 "go_on": settings.go_on,
-                "closes": settings.closes and knows_ends(settings.reduction) and self.plan.repeats,
+                "closes": settings.closes and self.plan.repeats and only_ends,
                 "known": self._known,
                 "knowns": len(settings.known),
                 **(settings.noted.options(self.ffi) if settings.noted else {}),
@@ -390,9 +391,9 @@ class Engine:
     def replay(
         self, steps: Sequence[RawStep], seed: int = 0
     ) -> tuple[int, tuple[int, int] | None, npt.NDArray[np.uint8]]:
-        """How many steps of a trace are possible, what the last one breaks, and configurations.
+        """Replays steps in C: how many are possible, the violation after the last, configurations.
 
-        There is a configuration after each step, (steps, configuration_size).
+        The last have a row after each step: (steps, configuration_size).
         """
         trace = self._trace_array(steps)
         configurations = np.zeros((len(steps), self.configuration_size), dtype=np.uint8)
@@ -404,8 +405,8 @@ class Engine:
         violation = (int(broken.what), int(broken.index)) if violates[0] else None
         return int(possible), violation, configurations
 
-    def complete(self, settings: EngineSettings, steps: Sequence[RawStep]) -> Searched | None:
-        """An execution of the whole system from one of `settings.part`; None where it is none."""
+    def complete_trace(self, settings: EngineSettings, steps: Sequence[RawStep]) -> Searched | None:
+        """Extends an execution of `settings.part` to the whole system; None if impossible."""
         whole = self.ffi.new("soter_trace_step[]", STEPS_MAX)
         broken = self.ffi.new("soter_broken *")
         options, part = self.options(settings), self._trace_array(steps)
@@ -418,10 +419,10 @@ class Engine:
         return Searched(status="violated", broken=violation, depth=length, steps=made)
 
     def violated_at_start(self, patience_s: float = math.inf) -> bool:
-        """Whether a start, before any step, violates a property, deadlines aside; True if stopped.
+        """Whether a start violates a property before any step; True also if the search was stopped.
 
-        It is seen only where others step before the part that the property looks at: then parts
-        must not be explored alone.
+        Deadlines do not count. Parts alone would miss such a violation if another part steps before
+        the one that the property reads, so they are then not explored alone.
         """
         progress = self.ffi.new("soter_explore_progress *")
         verdicts: list[bool] = []
@@ -442,7 +443,7 @@ class Engine:
         return trace
 
     def configurations(self) -> Bytes:
-        """The configurations that the last search stored, (states, configuration_size), if kept."""
+        """The configurations that the last search kept: (states, configuration_size)."""
         if self._kept == self.ffi.NULL:
             return np.zeros((0, self.configuration_size), dtype=np.uint8)
         count = int(self.lib.soter_explore_kept(self.model, self._kept, self.ffi.NULL))
@@ -458,7 +459,7 @@ class Engine:
         return words
 
     def unpack(self, words: Words, configuration: Bytes) -> None:
-        """Reads packed words, (words,), into a configuration that was started once."""
+        """Unpacks words, (words,), into a configuration that an engine has started once."""
         of = self.ffi.cast("uint64_t *", words.ctypes.data)
         self.model.unpack(of, self._pointer(configuration))
 

@@ -44,7 +44,7 @@ MOST = 8
 
 
 class ComposedSearch:
-    """One search of the loose parts of an engine's system."""
+    """One search of the parts of a system that only properties join."""
 
     def __init__(
         self,
@@ -60,8 +60,8 @@ class ComposedSearch:
         self._share = settings.memory // (SHARE * len(engine.loose.parts))
 
     @staticmethod
-    def fits(engine: Engine, settings: EngineSettings) -> bool:
-        """Whether it is possible: a plain model, breadth first, all reductions, nothing known."""
+    def can_search(engine: Engine, settings: EngineSettings) -> bool:
+        """Whether the parts can be searched so: breadth first, exact, with all reductions."""
         loose = engine.loose
         if loose is None or not engine.model.plain or settings.known or settings.max_states:
             return False
@@ -74,14 +74,14 @@ class ComposedSearch:
         return settings.reduction == "all" and all(len(j.parts) <= MOST for j in loose.joints)
 
     def run(self, patience_s: float) -> list[Searched] | None:
-        """The searches of the parts, the one that ended it last; None: too much for this way."""
+        """The searches of the parts, of which the last one ended it; None: too little memory."""
         engine, until = self._engine, time.perf_counter() + patience_s
         searches: list[Searched] = []
         kept: list[Any] = []
         try:
             for part in self._loose.parts:
                 left = max(until - time.perf_counter(), 0.0)
-                noted = Observations(self._mask(part), self._share)
+                noted = Observations(self._noted_bits(part), self._share)
                 last = self._run_part(part, noted, left)
                 kept.append(engine.take_stored())
                 if last.status == "memory":  # perhaps that of the notes, which have a share of it
@@ -94,7 +94,7 @@ class ComposedSearch:
                     return searches
             for joint in self._loose.joints:
                 left = max(until - time.perf_counter(), 0.0)
-                status, goals, stopped = self._combine(joint, kept, left)
+                status, goals, stopped = self._judge_joint(joint, kept, left)
                 if status == "memory":
                     return None
                 if status == "stopped":
@@ -111,7 +111,7 @@ class ComposedSearch:
         once = replace(self._settings, part=part, noted=noted)
         return self._engine.explore(once, self._look, patience_s)
 
-    def _mask(self, part: IndependentPart) -> Words:
+    def _noted_bits(self, part: IndependentPart) -> Words:
         mask = np.zeros(self._engine.words, dtype=np.uint64)
         words = self._engine.ffi.cast("uint64_t *", mask.ctypes.data)
         self._engine.lib.soter_explore_noted(self._engine.model, part.actors, words)
@@ -119,10 +119,10 @@ class ComposedSearch:
 
     # ------------------------------------------------------------ what joins them
 
-    def _combine(
+    def _judge_joint(
         self, joint: SharedProperty, kept: list[Any], patience_s: float
     ) -> tuple[str, Words, str]:
-        """Status, the goals of the parts, (parts, words), and what stopped it."""
+        """Judges a property on all combinations: status, goals (parts, words), what stopped it."""
         engine = self._engine
         goals = np.zeros((len(joint.parts), engine.words), dtype=np.uint64)
         sides = engine.ffi.new("soter_side[]", len(joint.parts))
@@ -151,7 +151,7 @@ class ComposedSearch:
         return STATUSES[ended[0]], goals, stopped
 
     def _joint_violation(self, joint: SharedProperty, goals: Words, until: float) -> Searched:
-        """An execution of the system to what violates the property, as far as there is one."""
+        """The joined parts' execution to the violation; without steps if a part has no trace."""
         broken, steps = (0, joint.property), []
         actors = 0
         last: Searched | None = None
@@ -159,7 +159,7 @@ class ComposedSearch:
             part = self._loose.parts[number]
             actors |= part.actors
             left = max(until - time.perf_counter(), 0.0)
-            noted = Observations(self._mask(part), self._share, goal, joint.property)
+            noted = Observations(self._noted_bits(part), self._share, goal, joint.property)
             last = self._run_part(IndependentPart(part.actors, 0, part.timeds), noted, left)
             if last.broken != broken or not last.steps:
                 return replace(last, status="violated", broken=broken, steps=(), states=0)
@@ -174,18 +174,18 @@ class ComposedSearch:
 def with_other_parts(
     engine: Engine, settings: EngineSettings, violated: Searched, steps: Sequence[RawStep]
 ) -> Searched:
-    """The violation with an execution of the whole system, made of `steps` of `settings.part`.
+    """The violation, with `steps` of one part completed to an execution of the whole system.
 
-    It has no steps, and is `apart`, where the other parts allow no such execution.
+    It has no steps, and is `apart`, if the other parts allow no such execution.
     """
-    whole = engine.complete(settings, steps) if steps else None
+    whole = engine.complete_trace(settings, steps) if steps else None
     if whole is None:
         return replace(violated, steps=(), apart=bool(steps))
     return replace(violated, steps=whole.steps, broken=whole.broken)
 
 
 def _merge_executions(steps: list[tuple[RawStep, ...]]) -> tuple[RawStep, ...]:
-    """One execution of executions of parts that share nothing: one start, then by time."""
+    """Merges executions of parts into one: a single start, then all steps in order of time."""
     initial = steps[0][0]
     assert all(s[0].kind == BIRTH for s in steps)
     rest = [step for execution in steps for step in execution[1:]]
@@ -201,7 +201,7 @@ CUT_SHORT = (*SHORT_OF_MEMORY, "states", "stopped")
 def may_choose(settings: EngineSettings) -> bool:
     """Whether a search may choose between the two reductions.
 
-    Not where the user asked for one, or where it matters what is stored: with a bound on
+    It may not if the user asked for one, or if it matters what is stored: with a bound on
     configurations, if they are kept, or if ends are noted.
     """
     asked = (
@@ -225,17 +225,17 @@ def explore_by_quicker(
     look: Callable[[EngineProgress], None] | None = None,
     left_s: float = math.inf,
 ) -> Searched:
-    """`Engine.explore` by the quicker of the two reductions, if it may choose; `seconds`: of all.
+    """Explores by the quicker of two reductions, if both are allowed, for at most `left_s` seconds.
 
-    What lies between takes more memory: where that is too little, only ends are stored after all.
+    If memory does not suffice for what lies between ends of instants, only the ends are stored.
     """
     began = time.perf_counter()
 
-    def left() -> float:
+    def seconds_left() -> float:
         return max(left_s - (time.perf_counter() - began), 0.0)
 
     def explore(how: EngineSettings) -> Searched:
-        return engine.explore(how, look, left())
+        return engine.explore(how, look, seconds_left())
 
     chosen = _choose_settings(engine, settings, left_s) if may_choose(settings) else settings
     result = explore(chosen) if isinstance(chosen, EngineSettings) else chosen
@@ -249,14 +249,14 @@ def explore_by_quicker(
 def _choose_settings(
     engine: Engine, settings: EngineSettings, left_s: float
 ) -> EngineSettings | Searched:
-    """The settings to go on with, or the result if a beginning came to its end."""
-    if _has_instants(engine):
+    """The settings to go on with, or the result if a trial search came to its end."""
+    if _observes_only_ends(engine):
         return _pick_reduction(engine, settings, left_s)
     return replace(settings, between=True) if engine.model.brief else settings
 
 
-def _has_instants(engine: Engine) -> bool:
-    """Whether no step may be late, so that only ends of instants are observed."""
+def _observes_only_ends(engine: Engine) -> bool:
+    """Whether no step may be late, so that properties see only ends of instants."""
     late = any(a.window_ns or a.overrun_ns for a in engine.actors)
     return not engine.plan.timely and not late
 
@@ -264,7 +264,7 @@ def _has_instants(engine: Engine) -> bool:
 def _pick_reduction(
     engine: Engine, settings: EngineSettings, left_s: float
 ) -> EngineSettings | Searched:
-    """The settings of the search that goes on; or what it found, where that took few steps."""
+    """The settings whose trial search came further; or the result of one that already ended."""
     ends = engine.explore(replace(settings, max_ran=RUN, threads=1), None, left_s)
     if ends.status != "states" or ends.stopped:
         return ends

@@ -11,18 +11,18 @@ import math
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from soter.explore.engine.coverage import (
     Coverage,
     CoveredLeaf,
     EngineProgress,
-    branches_part,
+    branches_coverage,
     kind_coverage,
     leaf_value,
-    modules_parts,
+    modules_coverage,
     value_class,
-    values_part,
+    values_coverage,
 )
 from soter.explore.engine.explorer_library import (
     Engine,
@@ -60,7 +60,7 @@ Found = SearchResult[Step]
 
 
 class Search:
-    """Searches of one flattened test. A context: leaving it gives back what the engine holds."""
+    """Searches one flattened test; leaving its `with` block frees what the engine holds."""
 
     def __init__(
         self,
@@ -82,7 +82,7 @@ class Search:
         self.words = self._engine.words
         self.sampled = self._engine.plan.sampled
         self.times = self._engine.plan.times
-        self.unheard = self._engine.plan.unheard
+        self.unheard_actors = self._engine.plan.unheard_actors
         self.parts = 1
         """How many parts of the system the last search explored apart."""
 
@@ -95,31 +95,31 @@ class Search:
     # ------------------------------------------------------------ searching
 
     def run(self, known: tuple[tuple[int, int], ...] = ()) -> Found:
-        """Runs the search that was asked for; with all reductions part by part.
+        """Runs the search that the options ask for, part by part if the reduction is `all`.
 
-        With `known` violations it looks for others, in all of the system.
+        With `known` violations it searches the whole system for others.
         """
         settings = replace(self._settings, known=known)
         until = time.perf_counter() + self._time_s
         parts: tuple[IndependentPart | None, ...] = (None,)
         if settings.reduction == "all" and settings.strategy not in SAMPLING and not known:
-            apart = self._may_be_apart(settings)
-            searches = self._run_composed(settings, until) if apart else None
+            apart = self._may_search_apart(settings)
+            searches = self._search_joined_parts(settings, until) if apart else None
             if searches is not None:
                 return self._name_steps(_sum_of_searches(searches))
             parts = self._engine.parts if apart else (None,)
-        return self._name_steps(_sum_of_searches(self._run_parts(settings, parts, until)))
+        return self._name_steps(_sum_of_searches(self._search_parts(settings, parts, until)))
 
-    def _may_be_apart(self, settings: EngineSettings) -> bool:
-        """Whether there are parts, and the start violates nothing that another part would show."""
+    def _may_search_apart(self, settings: EngineSettings) -> bool:
+        """Whether the system has parts, and no start violates a property before any step."""
         engine = self._engine
-        some = len(engine.parts) > 1 or ComposedSearch.fits(engine, settings)
+        some = len(engine.parts) > 1 or ComposedSearch.can_search(engine, settings)
         return some and not engine.violated_at_start(self._time_s)
 
-    def _run_composed(self, settings: EngineSettings, until: float) -> list[Searched] | None:
-        """The searches of parts that only properties join; None: there are none, or too many."""
+    def _search_joined_parts(self, settings: EngineSettings, until: float) -> list[Searched] | None:
+        """The searches of parts that only properties join; None if that does not work."""
         engine = self._engine
-        if not ComposedSearch.fits(engine, settings):
+        if not ComposedSearch.can_search(engine, settings):
             return None
         assert engine.loose is not None
         self.parts = len(engine.loose.parts)
@@ -129,10 +129,10 @@ class Search:
             searches[-1] = replace(searches[-1], covered_ns=0)
         return searches
 
-    def _run_parts(
+    def _search_parts(
         self, settings: EngineSettings, parts: tuple[IndependentPart | None, ...], until: float
     ) -> list[Searched]:
-        """The searches of parts that share nothing, or of all of the system."""
+        """The searches of parts that share nothing; `(None,)` stands for the whole system."""
         self.parts = len(parts)
         searches: list[Searched] = []
         for part in parts:
@@ -158,9 +158,9 @@ class Search:
         return searches
 
     def least(self, search_result: Found, patience_s: float) -> Found:
-        """The least execution to the same violation; `status` is "violated" where it is one.
+        """The shortest execution to the same violation, sought for at most `patience_s` seconds.
 
-        It takes at most `patience_s` seconds.
+        `status` is "violated" if it was found.
         """
         assert search_result.broken is not None
         look = self._make_report(minimising=True)
@@ -169,9 +169,9 @@ class Search:
         )
 
     def shrink(self, search_result: Found, patience_s: float) -> Found | None:
-        """A trace that is not larger and violates the same, sought for `patience_s` seconds.
+        """A trace to the same violation that is no longer, sought for `patience_s` seconds.
 
-        None where what was found violates nothing. `transitions`: how many executions were tried.
+        None if the trace violates nothing. `transitions`: how many executions were tried.
         """
         assert search_result.broken is not None
         look = self._make_report(minimising=True)
@@ -186,7 +186,7 @@ class Search:
         shrunk = shrinker.run(steps_to_array([self._raw_step(s) for s in search_result.steps]))
         if shrunk is None:
             return None
-        steps = tuple([self._step(raw) for raw in array_to_steps(shrunk.steps)])
+        steps = tuple([self._named_step(raw) for raw in array_to_steps(shrunk.steps)])
         seconds = time.perf_counter() - began
         return replace(
             search_result,
@@ -230,17 +230,17 @@ class Search:
     # ------------------------------------------------------------ names
 
     def _name_steps(self, searched: Searched) -> Found:
-        """What the engine found, with the names of the program in its steps."""
-        values: dict[str, Any] = vars(searched) | {"steps": tuple(map(self._step, searched.steps))}
-        return Found(**values)
+        """The result of the engine, with names of the program in its steps."""
+        steps = tuple(map(self._named_step, searched.steps))
+        return Found(**{**vars(searched), "steps": steps})
 
-    def _step(self, raw: RawStep) -> Step:
+    def _named_step(self, raw: RawStep) -> Step:
         choices = tuple([Choice(self._streams[c.stream], c.pick, c.count) for c in raw.choices])
         name = self._actor_name(raw.actor) if raw.actor >= 0 else ""
         return Step(name, STEP_KINDS[raw.kind], raw.release_ns, raw.time_ns, choices)
 
-    def chooser(self, search_result: Found) -> str:
-        """The name of the actor that asks for too many choices in a step."""
+    def chooser_text(self, search_result: Found) -> str:
+        """Says whose step asks for too many choices."""
         return (
             f"a step of {self._actor_name(search_result.chooser)}"
             if search_result.chooser >= 0
@@ -256,12 +256,12 @@ class Search:
     # ------------------------------------------------------------ coverage
 
     def coverage(self) -> Coverage:
-        """What all searches so far have reached."""
+        """The coverage of all searches so far."""
         seen, system = self._engine.seen, self._system
         modes_seen = seen.modes.tolist()
         for module, row in zip(system.modules, modes_seen, strict=True):
             row[AC if module.forced == "ac" else SC] = 1  # where it starts
-        modes, switches = modules_parts(
+        modes, switches = modules_coverage(
             [(module.name, module.forced) for module in system.modules],
             modes_seen,
             seen.switches.tolist(),
@@ -274,12 +274,12 @@ class Search:
             ),
             modes=modes,
             switches=switches,
-            branches=branches_part([branch_name(b) for b in branches], seen.branches.tolist()),
-            values=values_part(list(self._leaves()), self._published_classes()),
+            branches=branches_coverage([branch_name(b) for b in branches], seen.branches.tolist()),
+            values=values_coverage(list(self._leaves()), self._published_classes()),
         )
 
     def _judged_properties(self) -> Iterator[tuple[str, bool]]:
-        """The properties of the test and its nodes, and whether each was ever judged."""
+        """Yields each property of the test and its nodes, and whether it was ever judged."""
         seen, system = self._engine.seen, self._system
         judged = [bool(x & JUDGED) for x in seen.judged.tolist()]
         fired = {
@@ -293,10 +293,10 @@ class Search:
         for timed in test_plan(system).timed:
             yield timed.text, judged[len(system.properties) + timed.index]
 
-    def judged_and_tested(self) -> list[tuple[bool, bool]]:
-        """For each property, then each timed one, whether it was judged, and put to the test.
+    def judged_and_tested_properties(self) -> list[tuple[bool, bool]]:
+        """For each property, then each timed one: whether it was judged; whether put to the test.
 
-        That is: the premise of an `always` held, or an `eventually` was still open as time passed.
+        That is: an `always` whose premise held, or an `eventually` still open while time passed.
         """
         tested = [bool(x & MET) for x in self._engine.seen.judged.tolist()]
         return [
@@ -305,7 +305,7 @@ class Search:
         ]
 
     def _published_classes(self) -> list[list[int]]:
-        """By leaf and class whether such a value was published, or is the topic's default."""
+        """By leaf and class, 1 if such a value was published or is the topic's default."""
         rows = [list(row) for row in self._engine.seen.classes.tolist()]
         tried_leaves = [(self._system.topics[i], path) for i, path in self._engine.generated.leaves]
         for row, leaf, (topic, path) in zip(rows, self._leaves(), tried_leaves, strict=True):
@@ -315,6 +315,7 @@ class Search:
         return rows
 
     def _leaves(self) -> Iterator[CoveredLeaf]:
+        """Yields the leaves of topics that coverage counts, with their ranges."""
         for index, path in self._engine.generated.leaves:
             topic = self._system.topics[index]
             leaf_types = list(leaves(topic.type))
@@ -327,7 +328,7 @@ class Search:
 
 
 def _sum_of_searches(searches: list[Searched]) -> Searched:
-    """The sum of the searches of parts; status, violation and trace are those of the last one."""
+    """Adds up the searches of parts; status, violation and trace are those of the last one."""
     return replace(
         searches[-1],
         states=sum(f.states for f in searches),
@@ -351,7 +352,7 @@ def branch_name(branch: StepBranch) -> str:
 
 
 def _choice_streams(system: System) -> Iterator[str]:
-    """The names of all streams that a step may ask a choice from."""
+    """Yields the names of all streams from which a step may ask for a choice."""
     for component in system.components:
         yield component.name + ENDING
         for disturbance in component.disturbances:

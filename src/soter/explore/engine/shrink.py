@@ -70,7 +70,7 @@ class GuidedRun:
 
 
 class Guided:
-    """Makes executions of one engine's system towards one violation."""
+    """Runs the engine's system along a given trace, towards one violation."""
 
     def __init__(self, engine: Engine, seed: int, wanted: tuple[int, int]) -> None:
         self._engine = engine
@@ -83,10 +83,7 @@ class Guided:
     def run(
         self, wish: Steps, limit: int, before: GuidedRun | None = None, begin: int = 0
     ) -> GuidedRun:
-        """The execution that follows `wish`, at most `limit` steps.
-
-        The first `begin` steps are those of `before`. (wishes,) -> (steps,)
-        """
+        """Executes up to `limit` steps along `wish`, (wishes,); the first `begin` from `before`."""
         begin = begin if before is not None else 0
         made = np.zeros(limit, dtype=STEP)
         unusual = np.zeros(limit, dtype=np.uint32)
@@ -122,7 +119,7 @@ def _pointer(ffi: Any, kind: str, array: npt.NDArray[Any]) -> Any:  # noqa: ANN4
 
 
 def steps_to_array(steps: Sequence[RawStep]) -> Steps:
-    """The steps as an array of records, (n,)."""
+    """The steps as an array of `STEP` records, (n,)."""
     made = np.zeros(len(steps), dtype=STEP)
     for row, step in zip(made, steps, strict=True):
         row["actor"] = step.actor if step.actor >= 0 else NOBODY
@@ -134,7 +131,7 @@ def steps_to_array(steps: Sequence[RawStep]) -> Steps:
 
 
 def array_to_steps(made: Steps) -> tuple[RawStep, ...]:
-    """The steps of an array of records, (n,)."""
+    """The steps of an array of `STEP` records, (n,)."""
     raw_steps = []
     for row in made:
         asked = row["choice"][: int(row["choices"])].tolist()
@@ -166,7 +163,7 @@ class ShrinkResult:
 
 
 def execution_cost(made: GuidedRun) -> Cost:
-    """The cost: steps, changes of actor, choices that are not the default; then what settles ties.
+    """Steps, changes of actor, choices that are not the default; two more numbers settle ties.
 
     These are how often the deployed order is left, and how late all steps are together, in ns.
     """
@@ -179,7 +176,7 @@ def execution_cost(made: GuidedRun) -> Cost:
 
 
 class Shrinker:
-    """Shrinks one execution; `best` is the smallest so far."""
+    """Shrinks one execution; `best` is the smallest one so far."""
 
     def __init__(
         self,
@@ -203,7 +200,7 @@ class Shrinker:
         self.tried = 0
 
     def run(self, steps: Steps) -> ShrinkResult | None:
-        """An execution with at most as many steps; None where `steps`, (n,), violates nothing."""
+        """Shrinks `steps`, (n,), as long as that helps; None if they violate nothing."""
         self.best = self._guided.run(steps, len(steps))
         self.cost = execution_cost(self.best)
         if not self.best.violates:
@@ -221,7 +218,7 @@ class Shrinker:
     def _shrink_until_nothing_helps(self) -> None:
         passes = (
             self._try_leaving_out,
-            self._try_pushes,
+            self._try_sooner_ways,
             self._try_orders,
             self._try_defaults,
             self._try_on_time,
@@ -232,8 +229,8 @@ class Shrinker:
             for try_changes in passes:
                 try_changes()
 
-    def _try(self, wish: Steps, begin: int) -> bool:
-        """Tries a trace that is changed from step `begin` on; if it is smaller it is the best."""
+    def _try_trace(self, wish: Steps, begin: int) -> bool:
+        """Runs a trace, changed from step `begin` on; keeps it if it is the smallest so far."""
         if time.perf_counter() > self._deadline_s:
             raise ShrinkTimeoutError
         best = self.best
@@ -251,7 +248,7 @@ class Shrinker:
         return True
 
     def _try_in_blocks(self, change: Change, finest: int = 1) -> None:
-        """Tries a change of all of the trace, of its halves, ..., at last of `finest` steps.
+        """Tries a change on the whole trace, on its halves, and so on, down to `finest` steps.
 
         `change` returns the changed part, of the same length.
         """
@@ -264,20 +261,20 @@ class Shrinker:
                 if changed.tobytes() != part.tobytes():
                     wish = self.best.steps.copy()
                     wish[begin : begin + size] = changed
-                    self._try(wish, begin)
+                    self._try_trace(wish, begin)
                 begin += size
             size = (size + 1) // 2 if size > 1 else 0
 
     # ------------------------------------------------------------ fewer steps
 
     def _try_leaving_out(self) -> None:
-        """Tries to leave out the releases of a span of time; what comes after comes sooner."""
+        """Tries to remove the releases within a span of time, and to move later ones forward."""
         least = int(self._period.min())
         span = max(self._end_ns() // 2, least)
         while span >= least:
             begin = 0
             while begin < self._end_ns():
-                if not self._try(*self._without_releases(begin, span)):
+                if not self._try_trace(*self._without_releases(begin, span)):
                     begin += span
             span = max(span // 2, least) if span > least else 0
 
@@ -285,7 +282,7 @@ class Shrinker:
         return int(self.best.steps["time"].max(initial=0)) + 1
 
     def _without_releases(self, begin: int, span: int) -> tuple[Steps, int]:
-        """The steps without releases from `begin` on, `span` ns long; the first that changes."""
+        """The steps without releases in `span` ns from `begin`, and the first that changed."""
         steps = self.best.steps
         born = steps["actor"] == NOBODY
         actor = np.where(born, 0, steps["actor"])
@@ -305,28 +302,29 @@ class Shrinker:
         changed = np.flatnonzero(~kept | (shift > 0))
         return wish[kept], int(changed[0]) if len(changed) else len(steps)
 
-    def _try_pushes(self) -> None:
-        """Tries choices, losses and lateness that may lead sooner to the violation."""
+    def _try_sooner_ways(self) -> None:
+        """Tries choices, losses and lateness that may reach the violation sooner."""
         finest = max(len(self.best.steps) // self._parts, 1)
         for change in self._push_changes():
             self._try_in_blocks(change, finest)
 
     def _push_changes(self) -> Iterator[Change]:
-        """Changes: each question with each answer; each actor lost, late, long, first, last."""
+        """Yields changes: every answer to each question; each actor lost, late, first or last."""
         asked = self.best.steps["choice"][_choice_mask(self.best.steps)]
         kinds = zip(asked["stream"].tolist(), asked["count"].tolist(), strict=True)
         for stream, count in sorted(set(kinds)):
             for pick in range(min(count, PICKS)):
-                yield _answer_always(stream, count, pick)
+                yield _change_answers(stream, count, pick)
         for i in np.flatnonzero(self._skips).tolist():
-            yield _lose(i)
+            yield _change_to_lost(i)
         for i in np.flatnonzero((self._window > 0) | (self._overrun > 0)).tolist():
-            yield self._make_late(i)
+            yield self._change_to_late(i)
         for i in range(len(self._period)):
-            yield _put_first(i)
-            yield _put_last(i)
+            yield _change_to_first(i)
+            yield _change_to_last(i)
 
-    def _make_late(self, actor: int) -> Change:
+    def _change_to_late(self, actor: int) -> Change:
+        """The change that makes every step of an actor as late, and as long, as it may be."""
         window, overrun = self._window[actor], self._overrun[actor]
 
         def change(steps: Steps) -> Steps:
@@ -341,31 +339,31 @@ class Shrinker:
     # ------------------------------------------------------------ fewer changes of actor
 
     def _try_orders(self) -> None:
-        """Tries the deployed order, and fewer changes of actor from one instant to the next."""
-        self._try_in_blocks(_sort_deployed)
-        self._try_in_blocks(_sort_by_release)
-        self._try_in_blocks(_sort_continuing, 2)
+        """Tries the deployed order, that of releases, and orders with fewer changes of actor."""
+        self._try_in_blocks(_steps_in_deployed_order)
+        self._try_in_blocks(_steps_by_release)
+        self._try_in_blocks(_steps_by_continuing_actor, 2)
         i = 0
         while i < len(self.best.steps) - 2:
             self._bring_together(i)
             i += 1
 
     def _bring_together(self, first: int) -> None:
-        """Tries to bring step i and the next step of its actor together."""
+        """Tries to move step `first` and the next step of its actor side by side."""
         actor = self.best.steps["actor"]
         near = actor[first + 1 : first + 2 + 2 * len(self._period)]
         again = np.flatnonzero(near == actor[first])
         if len(again) == 0 or again[0] == 0:
             return
         again_at = first + 1 + int(again[0])
-        if not self._try(_move_step(self.best.steps, again_at, first + 1), first):
-            self._try(_move_step(self.best.steps, first, again_at - 1), first)
+        if not self._try_trace(_steps_with_one_moved(self.best.steps, again_at, first + 1), first):
+            self._try_trace(_steps_with_one_moved(self.best.steps, first, again_at - 1), first)
 
     # ------------------------------------------------------------ fewer choices
 
     def _try_defaults(self) -> None:
-        """Tries to set choices back to the default, in parts, then one by one."""
-        self._try_in_blocks(_set_defaults)
+        """Tries to set choices back to the default, block by block, then one by one."""
+        self._try_in_blocks(_steps_with_defaults)
         i = 0
         while i < len(self.best.steps):
             picks = self.best.steps["choice"]["pick"][i]
@@ -374,17 +372,17 @@ class Shrinker:
                 if i < len(self.best.steps):
                     wish = self.best.steps.copy()
                     wish["choice"]["pick"][i, place] = 0
-                    self._try(wish, i)
+                    self._try_trace(wish, i)
             i += 1
 
     def _try_on_time(self) -> None:
-        """Tries steps of which none is lost, late or long."""
-        self._try_in_blocks(_keep_releases)
-        self._try_in_blocks(_step_at_release)
+        """Tries the trace without lost releases, and with every step at its release."""
+        self._try_in_blocks(_steps_without_losses)
+        self._try_in_blocks(_steps_at_releases)
 
 
 def _choice_mask(steps: Steps) -> npt.NDArray[np.bool_]:
-    """Whether a step has a choice, for each of them: (n,) -> (n, CHOICES_MAX)."""
+    """The entries of `choice` that each step uses: (n,) -> (n, CHOICES_MAX)."""
     room = steps["choice"].shape[1]
     mask: npt.NDArray[np.bool_] = np.arange(room)[None, :] < steps["choices"][:, None]
     return mask
@@ -393,8 +391,8 @@ def _choice_mask(steps: Steps) -> npt.NDArray[np.bool_]:
 # ---------------------------------------------------------------- changes of a part
 
 
-def _answer_always(stream: int, count: int, pick: int) -> Change:
-    """The change that gives a question this answer wherever it is asked."""
+def _change_answers(stream: int, count: int, pick: int) -> Change:
+    """The change that answers every question of this stream with the same alternative."""
 
     def change(steps: Steps) -> Steps:
         choice = steps["choice"]
@@ -405,7 +403,7 @@ def _answer_always(stream: int, count: int, pick: int) -> Change:
     return change
 
 
-def _lose(actor: int) -> Change:
+def _change_to_lost(actor: int) -> Change:
     def change(steps: Steps) -> Steps:
         steps["kind"][(steps["actor"] == actor) & (steps["kind"] != EFFECT)] = SKIPPED
         return steps
@@ -413,40 +411,40 @@ def _lose(actor: int) -> Change:
     return change
 
 
-def _set_defaults(steps: Steps) -> Steps:
+def _steps_with_defaults(steps: Steps) -> Steps:
     steps["choice"]["pick"] = 0
     return steps
 
 
-def _keep_releases(steps: Steps) -> Steps:
+def _steps_without_losses(steps: Steps) -> Steps:
     steps["kind"][steps["kind"] == SKIPPED] = STEPS
     return steps
 
 
-def _step_at_release(steps: Steps) -> Steps:
+def _steps_at_releases(steps: Steps) -> Steps:
     steps["time"] = steps["release"]
     return steps[np.argsort(steps["time"], kind="stable")]
 
 
-def _put_first(actor: int) -> Change:
-    """The change that makes an actor the first of every instant."""
+def _change_to_first(actor: int) -> Change:
+    """The change that makes an actor the first one of every instant."""
     return lambda steps: steps[np.lexsort((steps["actor"] != actor, steps["time"]))]
 
 
-def _put_last(actor: int) -> Change:
+def _change_to_last(actor: int) -> Change:
     return lambda steps: steps[np.lexsort((steps["actor"] == actor, steps["time"]))]
 
 
-def _sort_deployed(steps: Steps) -> Steps:
+def _steps_in_deployed_order(steps: Steps) -> Steps:
     return steps[np.lexsort((steps["actor"], steps["time"]))]
 
 
-def _sort_by_release(steps: Steps) -> Steps:
+def _steps_by_release(steps: Steps) -> Steps:
     return steps[np.lexsort((steps["actor"], steps["release"]))]
 
 
-def _sort_continuing(steps: Steps) -> Steps:
-    """The steps of each instant sorted so that an actor goes on from one instant to the next."""
+def _steps_by_continuing_actor(steps: Steps) -> Steps:
+    """Sorts each instant's steps so that an actor goes on from one instant to the next."""
     groups = np.split(np.arange(len(steps)), np.flatnonzero(np.diff(steps["time"])) + 1)
     actor = steps["actor"]
     order: list[int] = []
@@ -461,7 +459,7 @@ def _sort_continuing(steps: Steps) -> Steps:
     return steps[order]
 
 
-def _move_step(steps: Steps, number: int, place: int) -> Steps:
+def _steps_with_one_moved(steps: Steps, number: int, place: int) -> Steps:
     """The steps with step number `number` moved to place `place`."""
     order = np.insert(np.delete(np.arange(len(steps)), number), place, number)
     return steps[order]

@@ -46,26 +46,26 @@ WORDS = c.Name("words")
 ALL = 2**64 - 1
 
 
-def word(value: int) -> c.CExpr:
-    """A constant of 64 bits."""
+def u64(value: int) -> c.CExpr:
+    """A constant in C of type uint64_t."""
     return c.Number(f"UINT64_C({value})" if value < 2**31 else f"UINT64_C(0x{value:x})")
 
 
 def small_constant(value: int) -> c.CExpr:
-    """A constant that stands beside 64 bits, as a mask, an index or a shift."""
-    return c.Number(f"{value}U") if value < 2**31 else word(value)
+    """A constant beside a uint64_t: a mask, an index or a shift."""
+    return c.Number(f"{value}U") if value < 2**31 else u64(value)
 
 
-def as_word(e: c.CExpr) -> c.CExpr:
-    """The value as a word."""
+def as_u64(e: c.CExpr) -> c.CExpr:
+    """The cast of an expression to uint64_t."""
     return c.Cast("uint64_t", e)
 
 
 # ---------------------------------------------------------------- what values a leaf has
 
 
-def hulls(t: Type, bounds: Sequence[Bound | None], values: Iterable[Value]) -> list[Hull]:
-    """For each leaf of `leaves(t)` the range of ints in it, with `values` and zeroed tails."""
+def int_hulls(t: Type, bounds: Sequence[Bound | None], values: Iterable[Value]) -> list[Hull]:
+    """For each leaf of `leaves(t)`, the range of its ints: set, `values`, zeros of unused items."""
     leaf_hulls: list[Hull] = []
     for (path, leaf), bound in zip(leaves(t), bounds, strict=True):
         if not isinstance(leaf, IntType):
@@ -86,7 +86,7 @@ def hulls(t: Type, bounds: Sequence[Bound | None], values: Iterable[Value]) -> l
 
 
 def leaf_values(t: Type, value: Value) -> list[list[Value]]:
-    """For each leaf of `leaves(t)` its values in `value`; for a list those of all elements."""
+    """For each leaf of `leaves(t)`, its values in `value`: those of all items of a list."""
     if isinstance(t, RecordType):
         return [x for (_, f), v in zip(t.fields, value, strict=True) for x in leaf_values(f, v)]
     if isinstance(t, ArrayType):
@@ -100,8 +100,8 @@ def leaf_values(t: Type, value: Value) -> list[list[Value]]:
     return [[value]]
 
 
-def _element_hulls(hulls_: Sequence[Hull], count: int) -> list[Hull]:
-    """The hulls of one element that hold those of all elements of an array."""
+def _shared_hulls(hulls_: Sequence[Hull], count: int) -> list[Hull]:
+    """For each leaf of an element, the hull of its values in all elements of an array."""
     element_hulls: list[Hull] = []
     for i in range(count):
         same = [h for h in hulls_[i::count] if h is not None]
@@ -113,7 +113,7 @@ def _element_hulls(hulls_: Sequence[Hull], count: int) -> list[Hull]:
 
 
 class Packing:
-    """Builds `pack` and `unpack` together; `bits` is how many there are so far."""
+    """Builds the C of `pack` and `unpack` together; `bits` are packed so far."""
 
     def __init__(self) -> None:
         self.pack: list[c.CStmt] = []
@@ -126,19 +126,19 @@ class Packing:
         self._names = 0
 
     def name(self, stem: str) -> str:
-        """A new temporary."""
+        """Gives a C variable a new name that begins with `stem`."""
         self._names += 1
         return f"{stem}{self._names}"
 
     @property
     def words(self) -> int:
-        """How many words the bits take."""
+        """How many words of 64 bits the fields take."""
         return -(-self.bits // WORD)
 
     def field(self, value: c.CExpr, width: int) -> c.CExpr:
-        """Packs the `width` low bits of a word; returns them as `unpack` reads them."""
+        """Packs the low `width` bits of `value`; returns the C by which `unpack` reads them."""
         if width == 0:
-            return word(0)
+            return u64(0)
         value = self._name_value(value) if self.bits % WORD + width > WORD else value
         at = self.bits
         self.labelled.append((self.label, at, width))
@@ -174,12 +174,12 @@ class Packing:
         return c.Binary("&", e, small_constant((1 << width) - 1)) if masked else e
 
     def align(self) -> None:
-        """Begins a new word."""
-        self._store_last()
+        """Fills the current word up, so that the next field begins a new one."""
+        self.store_last_word()
         self.bits += -self.bits % WORD
 
     def mask(self, wanted: Callable[[Label], bool]) -> list[int]:
-        """Words with ones where fields have such labels; to be called when all are packed."""
+        """Words with ones in the fields of wanted labels, once all fields are packed."""
         whole = 0
         for label, at, width in self.labelled:
             if wanted(label):
@@ -191,7 +191,7 @@ class Packing:
     def append_value(
         self, place: c.CExpr, t: Type, hulls_: Sequence[Hull], present: c.CExpr | None = None
     ) -> None:
-        """Appends a value to both bodies; if the mask `present` is zero it is packed as zeros."""
+        """Packs and unpacks a value of type `t`; it is packed as zeros if `present` is 0."""
         if isinstance(t, RecordType):
             at = 0
             for name, field_type in t.fields:
@@ -227,7 +227,7 @@ class Packing:
                     c.IndexExpr(items, c.Number(str(number))), t.element, hull, present
                 )
             return
-        hull = hulls_ if listed else _element_hulls(hulls_, count)
+        hull = hulls_ if listed else _shared_hulls(hulls_, count)
         self.align()
         first = self.bits // WORD
         width = _value_width(t.element, hull)
@@ -236,13 +236,13 @@ class Packing:
         index = self.name("k")
         writes: list[c.CStmt] = []
         reads: list[c.CStmt] = []
-        at = c.Binary("+", word(first * WORD), c.Binary("*", as_word(c.Name(index)), word(width)))
+        at = c.Binary("+", u64(first * WORD), c.Binary("*", as_u64(c.Name(index)), u64(width)))
         element = c.IndexExpr(items, c.Name(index))
         self._pack_in_loop(
             element, t.element, hull, at, 0, present=present, writes=writes, reads=reads
         )
         low, size = c.Number("0"), c.Number(str(_capacity(t)))
-        zero = c.Assign(c.IndexExpr(WORDS, c.Name(index)), word(0))
+        zero = c.Assign(c.IndexExpr(WORDS, c.Name(index)), u64(0))
         self.pack.append(c.For(index, c.Number(str(first)), c.Number(str(self.words)), (zero,)))
         self.pack.append(c.For(index, low, size, tuple(writes)))
         self.unpack.append(c.For(index, low, size, tuple(reads)))
@@ -260,7 +260,7 @@ class Packing:
         writes: list[c.CStmt],
         reads: list[c.CStmt],
     ) -> int:
-        """Appends a value at bit `base + at` to a loop's body; returns the bit of the next one."""
+        """Adds a value, `at` bits behind `base`, to a loop's body; returns the bit behind it."""
         if isinstance(t, RecordType):
             first = 0
             for name, field_type in t.fields:
@@ -279,11 +279,11 @@ class Packing:
                     length, _LENGTH, [size], base, at, present=present, writes=writes, reads=reads
                 )
             else:
-                hull = _element_hulls(hulls_, sum(1 for _ in leaves(t.element)))
+                hull = _shared_hulls(hulls_, sum(1 for _ in leaves(t.element)))
             items = c.Member(place, "items" if isinstance(t, ListType) else "at")
             width = _value_width(t.element, hull)
             index = self.name("k")
-            step = c.Binary("*", as_word(c.Name(index)), word(width))
+            step = c.Binary("*", as_u64(c.Name(index)), u64(width))
             inside_w: list[c.CStmt] = []
             inside_r: list[c.CStmt] = []
             place = c.IndexExpr(items, c.Name(index))
@@ -297,9 +297,9 @@ class Packing:
             return at + width * _capacity(t)
         width = scalar_width(t, hulls_[0])
         if width == 0:
-            reads.append(c.Assign(place, _word_to_scalar(word(0), t, hulls_[0])))
+            reads.append(c.Assign(place, _word_to_scalar(u64(0), t, hulls_[0])))
             return at
-        where = c.Binary("+", base, word(at)) if at else base
+        where = c.Binary("+", base, u64(at)) if at else base
         shown = _scalar_to_word(place, t, hulls_[0], present)
         writes.append(c.Do(c.CallExpr("soter_put", (WORDS, where, small_constant(width), shown))))
         got = c.CallExpr("soter_get", (WORDS, where, small_constant(width)))
@@ -308,11 +308,8 @@ class Packing:
 
     # ------------------------------------------------------------ done
 
-    def finish(self) -> None:
-        """Stores the last word, which may not be full."""
-        self._store_last()
-
-    def _store_last(self) -> None:
+    def store_last_word(self) -> None:
+        """Stores the word that the last field has left partly empty, if it did."""
         if self.bits % WORD:
             index = c.IndexExpr(WORDS, small_constant(self.bits // WORD))
             self.pack.append(c.Assign(index, c.Name("w")))
@@ -326,7 +323,7 @@ def _capacity(t: ArrayType | ListType) -> int:
 
 
 def scalar_width(t: Type, hull: Hull) -> int:
-    """How many bits a scalar takes."""
+    """How many bits a packed scalar takes."""
     if isinstance(t, FloatType):
         return WORD
     if isinstance(t, BoolType):
@@ -338,7 +335,7 @@ def scalar_width(t: Type, hull: Hull) -> int:
 
 
 def _value_width(t: Type, hulls_: Sequence[Hull]) -> int:
-    """How many bits a value inside a loop takes."""
+    """How many bits a value takes that a loop packs."""
     if isinstance(t, RecordType):
         at, total = 0, 0
         for _, f in t.fields:
@@ -348,7 +345,7 @@ def _value_width(t: Type, hulls_: Sequence[Hull]) -> int:
         return total
     if isinstance(t, ArrayType):
         return t.size * _value_width(
-            t.element, _element_hulls(hulls_, sum(1 for _ in leaves(t.element)))
+            t.element, _shared_hulls(hulls_, sum(1 for _ in leaves(t.element)))
         )
     if isinstance(t, ListType):
         return scalar_width(_LENGTH, (0, t.capacity)) + t.capacity * _value_width(t.element, hulls_)
@@ -356,24 +353,24 @@ def _value_width(t: Type, hulls_: Sequence[Hull]) -> int:
 
 
 def _scalar_to_word(place: c.CExpr, t: Type, hull: Hull, present: c.CExpr | None) -> c.CExpr:
-    """A stored scalar as a word, counted from the low end of its hull."""
+    """The C that turns a stored scalar into bits: its distance from the low end of its hull."""
     if isinstance(t, FloatType):
         e: c.CExpr = c.CallExpr("soter_float_bits", (place,))
     else:
-        e = as_word(place)
+        e = as_u64(place)
         if hull is not None and hull[0] != 0:
-            e = c.Binary("-", e, word(hull[0] & ALL))
+            e = c.Binary("-", e, u64(hull[0] & ALL))
     return e if present is None else c.Binary("&", e, present)
 
 
 def _word_to_scalar(packed: c.CExpr, t: Type, hull: Hull) -> c.CExpr:
-    """The scalar that a packed word stands for, as it is stored."""
+    """The C that turns packed bits back into the stored scalar."""
     if isinstance(t, FloatType):
         return c.CallExpr("soter_float_of", (packed,))
     s = scalar(t)
     assert s is not None
     if hull is not None and hull[0] != 0:
-        if packed == word(0):
+        if packed == u64(0):
             return c.Cast(s.c_type, int_number(hull[0]))
-        packed = c.Binary("+", packed, word(hull[0] & ALL))
+        packed = c.Binary("+", packed, u64(hull[0] & ALL))
     return c.Cast(s.c_type, packed)

@@ -5,7 +5,7 @@ faults, dependence, visibility, what of a configuration can matter. `find_parts`
 one part that depend on each other, directly or through what one property reads. An execution of the
 system is one of every part, interleaved, and a property sees one part only: the system violates it
 iff that part does (docs/testing.md, "Parts"). All parts share time, so where a property has a
-deadline or reads the time there is one part only. Where nothing is late, `find_loose_parts` allows
+deadline or reads the time there is one part only. Where nothing is late, `find_joined_parts` allows
 a property to read several parts ("Joined parts").
 Non-goals: which steps depend on each other (`footprints.py`), C (`explorer_model.py`).
 """
@@ -95,8 +95,8 @@ class ExplorationPlan:
     """The resources that properties of configurations read."""
 
     @property
-    def unheard(self) -> frozenset[str]:
-        """The actors that write nothing which another one, or a property, reads."""
+    def unheard_actors(self) -> frozenset[str]:
+        """The actors that write nothing which another actor or a property reads."""
         alone = [
             a.name
             for a in self.actors
@@ -164,7 +164,7 @@ def make_plan(system: System, lowered: core.CoreSystem) -> ExplorationPlan:
 
 def _dependent_mask(actor: int, effects: Sequence[Effects]) -> int:
     effect = effects[actor]
-    return sum(1 << j for j, e in enumerate(effects) if j == actor or effect.conflicts(e))
+    return sum(1 << j for j, e in enumerate(effects) if j == actor or effect.conflicts_with(e))
 
 
 def _topics_read(system: System, read: Iterable[Label]) -> frozenset[int]:
@@ -179,7 +179,7 @@ def _ignores_time(system: System, footprints: Footprints) -> bool:
 
 
 def _time_choices(test: TestPlan, quantum: int, read: TimesRead) -> TimeChoices:
-    """The grid of times, and what it does not cover; a declared grid is an assumption."""
+    """The grid of times and what it leaves out; a grid that a test declares leaves out nothing."""
     return (
         TimeChoices(quantum, (), ())
         if test.quantum_ns
@@ -188,7 +188,7 @@ def _time_choices(test: TestPlan, quantum: int, read: TimesRead) -> TimeChoices:
 
 
 def _clock_labels(actor: int, effect: Effects) -> set[Label]:
-    """The resources that determine the time of a step, if it reads the time."""
+    """The resources that give the time of an actor's step, if the step reads the time."""
     return {TIME, ("done", actor)} if effect.timed else set()
 
 
@@ -219,7 +219,7 @@ def _calendars(system: System, test: TestPlan) -> Iterator[_Calendar]:
 def _time_grid(
     system: System, test: TestPlan, calendars: list[_Calendar], quantum: int
 ) -> tuple[int, int]:
-    """(quantum, tick) in ns: times are chosen at multiples of the one; all are of the other."""
+    """(quantum, tick) in ns: steps are late by multiples of the quantum; times are ticks."""
     times = [test.skew_ns, *(t for f in test.faults for t in (f.by_ns, f.least_ns))]
     for calendar in calendars:
         times += [calendar.period_ns, calendar.phase_ns]
@@ -257,10 +257,10 @@ class IndependentParts:
     joints: tuple[SharedProperty, ...]
 
 
-def find_loose_parts(
+def find_joined_parts(
     system: System, lowered: CoreSystem, plan: ExplorationPlan
 ) -> IndependentParts | None:
-    """The parts that only properties join; None: none do, or some step may be late."""
+    """The parts that only properties join; None: none do, or a step may be late."""
     properties = _property_reads(system, lowered, plan)
     if properties is None or any(a.window_ns or a.overrun_ns for a in plan.actors):
         return None
@@ -280,7 +280,7 @@ def find_loose_parts(
 def find_parts(
     system: System, lowered: CoreSystem, plan: ExplorationPlan
 ) -> tuple[IndependentPart, ...]:
-    """The parts in the order of their first actors; only one if masks have too few bits."""
+    """The parts that share nothing, in the order of their first actors; one part if unclear."""
     properties = _property_reads(system, lowered, plan)
     if properties is None or (  # a step may happen when another part's did, off the grid
         plan.timely
@@ -317,7 +317,7 @@ def _dependency_groups(plan: ExplorationPlan) -> _Groups:
 
 
 def _find_writers(plan: ExplorationPlan, reads: set[Label]) -> list[int]:
-    """The actors whose steps may change what is read."""
+    """The actors whose steps may change what a property reads."""
     return [i for i, actor in enumerate(plan.actors) if actor.writes & reads]
 
 
@@ -326,13 +326,13 @@ def _bit_mask(bits: Iterable[int]) -> int:
 
 
 class _Groups:
-    """Disjoint sets that can be joined; a set is named by its least member."""
+    """Disjoint sets of actors that can be joined; the least member names a set."""
 
     def __init__(self, count: int) -> None:
         self._root = list(range(count))
 
     def root_of(self, member: int) -> int:
-        """The least member of the set of i."""
+        """The least member of a member's set."""
         while self._root[member] != member:
             member = self._root[member]
         return member
@@ -344,11 +344,11 @@ class _Groups:
             self._root[r] = roots[0]
 
     def roots(self) -> list[int]:
-        """The least members of all sets."""
+        """The least member of each set."""
         return [i for i, root in enumerate(self._root) if i == root]
 
     def parts(self, judged_by: Mapping[int, int]) -> tuple[IndependentPart, ...]:
-        """A part for each set of actors; `judged_by`: the least member of each property's set."""
+        """A part for each set of actors; `judged_by`: the set on which each property is judged."""
         members = range(len(self._root))
         return tuple(
             IndependentPart(

@@ -16,7 +16,7 @@ from soter.codegen import decisions
 from soter.codegen.c_types import float_number, int_number
 from soter.codegen.unit import Unit, UnitBuilder
 from soter.core.layout import placed_leaves, scalar
-from soter.explore.model.bit_packing import word
+from soter.explore.model.bit_packing import u64
 from soter.explore.model.packed_configuration import ConfigurationEmitter, deadline_ns
 from soter.explore.search_options import LEAVES_MAX
 from soter.language.model.types import EnumType, FloatType, IntType, leaves
@@ -60,7 +60,7 @@ class ExplorerModel:
 def generate_model(
     system: System, core: CoreSystem, plan: ExplorationPlan, prefix: str | None = None
 ) -> ExplorerModel:
-    """The C of a system with its model; its nodes report which branches they take."""
+    """The C of a system with its model; its nodes report the branches that they take."""
     builder = _ModelBuilder(system, core, plan, prefix)
     builder.frame.branches = []
     unit = builder.run()
@@ -101,19 +101,15 @@ class _ModelBuilder(UnitBuilder):
 
     # ------------------------------------------------------------ everything
 
-    def more(self) -> list[c.CTop]:
-        """The declarations of the model, which stand after the tables."""
+    def added_definitions(self) -> list[c.CTop]:
+        """The declarations of the model, which stand behind the program's tables."""
         unique = self.types.unique
         configurations = ConfigurationEmitter(
             self.system, self.plan, self.types, self.frame, self.layout, self.prefix
         )
         struct, packing = configurations.struct(), configurations.packing
-        self.configuration = configurations.name
-        self.configuration_size, self.bits, self.held_at = (
-            configurations.size,
-            packing.bits,
-            configurations.held_at,
-        )
+        self.configuration, self.configuration_size = configurations.name, configurations.size
+        self.bits, self.held_at = packing.bits, configurations.held_at
         pack_name, unpack_name, self.symbol = unique("pack"), unique("unpack"), unique("model")
         predicates, timed = self._timed_table()
         premise_functions, premises = self._premise_table()
@@ -148,7 +144,7 @@ class _ModelBuilder(UnitBuilder):
     def _table(
         self, type_: str, name: str, rows: list[c.CExpr], before: list[c.CTop], comment: str
     ) -> Table:
-        """The table of these rows behind the definitions `before`; `NULL` where it has no rows."""
+        """A table of these rows, behind the definitions `before`; `NULL` if there are no rows."""
         if not rows:
             return before, c.Name("NULL")
         unique_name = self.types.unique(name)
@@ -159,12 +155,12 @@ class _ModelBuilder(UnitBuilder):
     def _mask_table(
         self, packing: Packing, name: str, wanted: Callable[[Label], bool], before: list[c.CTop]
     ) -> Table:
-        """A table of words with ones where the wanted fields are, and an expression for it."""
-        words = [word(x) for x in packing.mask(wanted)]
+        """The table of words with ones where the wanted fields are packed, and its C name."""
+        words = [u64(x) for x in packing.mask(wanted)]
         return self._table("uint64_t", name, words, before, "")
 
     def _mask_tables(self, packing: Packing) -> dict[str, Table]:
-        """The masks by name: bits that properties read, the schedule's bits, those of deadlines."""
+        """By member of `soter_model`, the mask of the fields that it stands for."""
         wanted: dict[str, Callable[[Label], bool]] = {
             "observed": self.plan.observed.__contains__,
             "scheduled": lambda label: label[0] in {"time", "done", "lost"},
@@ -175,7 +171,7 @@ class _ModelBuilder(UnitBuilder):
         return {name: self._mask_table(packing, name, test, []) for name, test in wanted.items()}
 
     def _first_leaf(self, topic: int) -> int:
-        """The number of a topic's first leaf; the number of all leaves where it has none."""
+        """The number of a topic's first leaf; without one, how many leaves there are."""
         numbers = (i for i, x in enumerate(self.leaves) if x.topic == topic)
         return next(numbers, len(self.leaves))
 
@@ -187,10 +183,8 @@ class _ModelBuilder(UnitBuilder):
             before, outputs = self._table(
                 "uint32_t", f"outputs_{i}", topics, before, f"outputs of {actor.name}"
             )
-            first: list[c.CExpr] = [
-                c.Number(f"{self._first_leaf(topic)}U") for topic in actor.outputs
-            ]
-            before, leaf = self._table("uint32_t", f"leaf_{i}", first, before, "")
+            first = [c.Number(f"{self._first_leaf(topic)}U") for topic in actor.outputs]
+            before, leaf = self._table("uint32_t", f"leaf_{i}", [*first], before, "")
             clocks = self._clock_labels(actor)
             reads, writes = actor.reads | clocks, actor.writes | clocks
             before, read = self._mask_table(packing, f"reads_{i}", reads.__contains__, before)
@@ -199,36 +193,29 @@ class _ModelBuilder(UnitBuilder):
                 f"{actor.component}U" if actor.input is None else f"SOTER_INPUT | {actor.input}U"
             )
             rows.append(
-                c.Initializer(
-                    (
-                        ("component", c.Name(number)),
-                        ("period_ns", int_number(actor.period_ns)),
-                        ("phase_ns", int_number(actor.phase_ns)),
-                        ("window_ns", int_number(actor.window_ns)),
-                        ("overrun_ns", int_number(actor.overrun_ns)),
-                        ("least_ns", int_number(actor.least_ns)),
-                        ("skips", c.Number(f"{actor.skips}U")),
-                        ("dependent", word(actor.dependent)),
-                        ("visible", _bool_constant(actor.visible)),
-                        ("output", outputs),
-                        ("leaf", leaf),
-                        ("outputs", c.Number(f"{len(actor.outputs)}U")),
-                        ("reads", read),
-                        ("writes", written),
-                        ("held", c.Number(f"{self.held_at.get(i, 0)}U")),
-                    )
+                c.named_fields(
+                    component=c.Name(number),
+                    period_ns=int_number(actor.period_ns),
+                    phase_ns=int_number(actor.phase_ns),
+                    window_ns=int_number(actor.window_ns),
+                    overrun_ns=int_number(actor.overrun_ns),
+                    least_ns=int_number(actor.least_ns),
+                    skips=c.Number(f"{actor.skips}U"),
+                    dependent=u64(actor.dependent),
+                    visible=_bool_constant(actor.visible),
+                    output=outputs,
+                    leaf=leaf,
+                    outputs=c.Number(f"{len(actor.outputs)}U"),
+                    reads=read,
+                    writes=written,
+                    held=c.Number(f"{self.held_at.get(i, 0)}U"),
                 )
             )
-        return self._table(
-            "soter_actor",
-            "actors",
-            rows,
-            before,
-            "actors: inputs, then components in deployed order",
-        )
+        comment = "actors: inputs, then components in deployed order"
+        return self._table("soter_actor", "actors", rows, before, comment)
 
     def _clock_labels(self, actor: PlannedActor) -> set[Label]:
-        """The labels of what an invariant knows of the past, if the actor may change it."""
+        """The label of the last verdict, if the actor is a DM or SC and may change it."""
         if actor.component is None:
             return set()
         component = self.system.components[actor.component]
@@ -237,7 +224,7 @@ class _ModelBuilder(UnitBuilder):
         return {("verdict", component.module)}
 
     def _timed_table(self) -> tuple[list[c.CTop], Table]:
-        """The functions of premises and conditions of timed properties, and the table of these."""
+        """The functions of premises and conditions of timed properties, and the table of both."""
         functions: list[c.CTop] = []
         rows: list[c.CExpr] = []
         for timed, lowered in zip(self.test.timed, self.core.timed, strict=True):
@@ -245,39 +232,35 @@ class _ModelBuilder(UnitBuilder):
             for role, predicate in (("premise", lowered.premise), ("condition", lowered.condition)):
                 name = self.types.unique(f"timed_{timed.index}_{role}") if predicate else "NULL"
                 if predicate is not None:
-                    functions.append(
-                        decisions.predicate(
-                            self.frame,
-                            predicate,
-                            name,
-                            f"{role} of {timed.kind} {timed.text}",
-                            unsafe=False,
-                        )
+                    doc = f"{role} of {timed.kind} {timed.text}"
+                    made = decisions.predicate_function(
+                        self.frame, predicate, name, doc, unsafe=False
                     )
+                    functions.append(made)
                 predicate_names.append(c.Name(name))
             rows.append(
-                c.Initializer(
-                    (
-                        ("text", c.String(timed.text)),
-                        ("kind", c.Name(KINDS[timed.kind])),
-                        ("premise", predicate_names[0]),
-                        ("condition", predicate_names[1]),
-                        ("within_ns", int_number(deadline_ns(self.system, timed))),
-                        ("module", c.Number(f"{timed.module or 0}U")),
-                    )
+                c.named_fields(
+                    text=c.String(timed.text),
+                    kind=c.Name(KINDS[timed.kind]),
+                    premise=predicate_names[0],
+                    condition=predicate_names[1],
+                    within_ns=int_number(deadline_ns(self.system, timed)),
+                    module=c.Number(f"{timed.module or 0}U"),
                 )
             )
         return functions, self._table("soter_timed", "timed", rows, [], "timed properties")
 
     def _premise_table(self) -> tuple[list[c.CTop], Table]:
-        """The functions of the premises of implications, and their table; empty without any."""
+        """The functions of the premises of implications, and their table; NULL without any."""
         functions: list[c.CTop] = []
         rows: list[c.CExpr] = []
         for prop, premise in zip(self.system.properties, self.core.premises, strict=True):
             name = self.types.unique(f"premise_{prop.index}") if premise else "NULL"
             if premise is not None:
                 comment = f"premise of {prop.kind} {prop.text}"
-                made = decisions.predicate(self.frame, premise, name, comment, unsafe=False)
+                made = decisions.predicate_function(
+                    self.frame, premise, name, comment, unsafe=False
+                )
                 functions.append(made)
             rows.append(c.Name(name))
         if not functions:
@@ -299,37 +282,27 @@ class _ModelBuilder(UnitBuilder):
         for leaf_ in self.leaves:
             stored = scalar(leaf_.type)
             assert stored is not None
-            kind = (
-                2
-                if isinstance(leaf_.type, FloatType)
-                else 1
-                if isinstance(leaf_.type, IntType)
-                else 0
-            )
+            kind = 2 if isinstance(leaf_.type, FloatType) else int(isinstance(leaf_.type, IntType))
             rows.append(
-                c.Initializer(
-                    (
-                        ("topic", c.Number(f"{leaf_.topic}U")),
-                        ("offset", c.Number(f"{leaf_.offset}U")),
-                        ("kind", c.Number(f"{kind}U")),
-                        ("size", c.Number(f"{stored.size}U")),
-                        ("is_signed", _bool_constant(stored.c_type.startswith("int"))),
-                        ("low", float_number(leaf_.low)),
-                        ("high", float_number(leaf_.high)),
-                    )
+                c.named_fields(
+                    topic=c.Number(f"{leaf_.topic}U"),
+                    offset=c.Number(f"{leaf_.offset}U"),
+                    kind=c.Number(f"{kind}U"),
+                    size=c.Number(f"{stored.size}U"),
+                    is_signed=_bool_constant(stored.c_type.startswith("int")),
+                    low=float_number(leaf_.low),
+                    high=float_number(leaf_.high),
                 )
             )
         return self._table("soter_leaf", "leaves", rows, [], "scalars of topics")
 
     def _ageing_table(self, fields: list[AgeingField]) -> Table:
         rows: list[c.CExpr] = [
-            c.Initializer(
-                (
-                    ("at", c.Number(f"{x.at}U")),
-                    ("width", c.Number(f"{x.width}U")),
-                    ("kind", c.Name(x.kind)),
-                    ("most", word(x.most)),
-                )
+            c.named_fields(
+                at=c.Number(f"{x.at}U"),
+                width=c.Number(f"{x.width}U"),
+                kind=c.Name(x.kind),
+                most=u64(x.most),
             )
             for x in fields
         ]
@@ -342,9 +315,9 @@ class _ModelBuilder(UnitBuilder):
         pack: str,
         unpack: str,
     ) -> c.VariableDef:
-        """The `soter_model`; `tables`: its members that are tables, by name.
+        """The `soter_model`; `tables`: those of its members that are tables, by name.
 
-        `plain` there: no ages and no deadlines are packed; `brief`: no step lasts, so none is held.
+        `plain`: no age and no deadline is packed; `brief`: no step lasts, so that none is held.
         """
         plan, packing = self.plan, configurations.packing
         labels = {label[0] for label, _, width in packing.labelled if width}
@@ -355,40 +328,38 @@ class _ModelBuilder(UnitBuilder):
         def count(n: int) -> c.CExpr:
             return c.Number(f"{n}U")
 
-        value = c.Initializer(
-            (
-                ("program", c.Unary("&", c.Name(f"{self.prefix}_program"))),
-                ("actor", tables["actor"]),
-                ("timed", tables["timed"]),
-                ("leaf", tables["leaf"]),
-                ("premise", tables["premise"]),
-                ("actors", count(len(plan.actors))),
-                ("timeds", count(len(self.test.timed))),
-                ("leaves", count(len(self.leaves))),
-                ("branches", count(len(self.frame.branches or ()))),
-                ("tick_ns", int_number(plan.tick_ns)),
-                ("quantum_ns", int_number(plan.quantum_ns)),
-                ("horizon_ns", int_number(plan.horizon_ns)),
-                ("ordered", _bool_constant(self.test.ordered)),
-                ("timely", _bool_constant(plan.timely)),
-                ("now_mask", word((1 << now_width) - 1)),
-                ("sampled", _bool_constant(plan.sampled)),
-                ("plain", _bool_constant(plain)),
-                ("brief", _bool_constant("held" not in labels)),
-                ("ageing", tables["ageing"]),
-                ("ageings", count(len(configurations.ageing))),
-                ("scheduled", tables["scheduled"]),
-                ("clock", tables["clock"]),
-                ("calendar", count(configurations.calendar)),
-                ("observed", tables["observed"]),
-                ("dues", tables["dues"]),
-                ("verdicts", tables["verdicts"]),
-                ("configuration_size", c.CallExpr("sizeof", (c.Name(self.configuration),))),
-                ("bits", count(packing.bits)),
-                ("words", count(packing.words)),
-                ("pack", c.Name(pack)),
-                ("unpack", c.Name(unpack)),
-            )
+        value = c.named_fields(
+            program=c.Unary("&", c.Name(f"{self.prefix}_program")),
+            actor=tables["actor"],
+            timed=tables["timed"],
+            leaf=tables["leaf"],
+            premise=tables["premise"],
+            actors=count(len(plan.actors)),
+            timeds=count(len(self.test.timed)),
+            leaves=count(len(self.leaves)),
+            branches=count(len(self.frame.branches or ())),
+            tick_ns=int_number(plan.tick_ns),
+            quantum_ns=int_number(plan.quantum_ns),
+            horizon_ns=int_number(plan.horizon_ns),
+            ordered=_bool_constant(self.test.ordered),
+            timely=_bool_constant(plan.timely),
+            now_mask=u64((1 << now_width) - 1),
+            sampled=_bool_constant(plan.sampled),
+            plain=_bool_constant(plain),
+            brief=_bool_constant("held" not in labels),
+            ageing=tables["ageing"],
+            ageings=count(len(configurations.ageing)),
+            scheduled=tables["scheduled"],
+            clock=tables["clock"],
+            calendar=count(configurations.calendar),
+            observed=tables["observed"],
+            dues=tables["dues"],
+            verdicts=tables["verdicts"],
+            configuration_size=c.CallExpr("sizeof", (c.Name(self.configuration),)),
+            bits=count(packing.bits),
+            words=count(packing.words),
+            pack=c.Name(pack),
+            unpack=c.Name(unpack),
         )
         return c.VariableDef("soter_model", self.symbol, value, static=False)
 
@@ -398,7 +369,7 @@ def _bool_constant(value: bool) -> c.CExpr:
 
 
 def _type_range(t: Type) -> tuple[float, float]:
-    """The range of all values of a leaf's type."""
+    """The least and largest value of a leaf's type."""
     if isinstance(t, IntType):
         return float(t.low), float(t.high)
     if isinstance(t, FloatType):
@@ -407,5 +378,5 @@ def _type_range(t: Type) -> tuple[float, float]:
 
 
 def _flat_bounds(t: Topic) -> list[Bound | None]:
-    """The bounds of the leaves that are always there."""
+    """The bounds of a topic's leaves, without those inside lists."""
     return [b for (path, _), b in zip(leaves(t.type), t.bounds, strict=True) if "[]" not in path]

@@ -40,7 +40,7 @@ TIME: Label = ("time", 0)
 class Effects:
     """Resources that a step may read and write; `timed`: whether it reads the time.
 
-    `keeps`: resources that it may leave as they were, so that its result depends on them.
+    `keeps`: it may leave what it writes unchanged, so that its result depends on that, too.
     """
 
     reads: set[Label] = field(default_factory=set)
@@ -48,8 +48,8 @@ class Effects:
     timed: bool = False
     keeps: bool = False
 
-    def conflicts(self, other: Effects) -> bool:
-        """Whether a step with these effects may not be swapped with one with the others."""
+    def conflicts_with(self, other: Effects) -> bool:
+        """Whether a step with these effects may not change places with a step of the others."""
         return bool(
             self.writes & (other.reads | other.writes) or other.writes & (self.reads | self.writes)
         )
@@ -108,7 +108,7 @@ class Footprints:
             effects.writes |= {("latched", component.index), ("control", component.index)}
         effects.keeps |= component.node is not None
         if isinstance(step, core.PlantStep):
-            effects.timed |= _holds_draws(step)
+            effects.timed |= _holds_disturbances(step)
         if component.plant is not None:
             effects.reads |= {
                 ("topic", component.scope.topics[topic]) for topic in component.plant.reads
@@ -140,7 +140,7 @@ class Footprints:
         self._add_predicate(decision.safer, effects)
         effects.reads |= {("topic", topic) for topic in m.inputs}
         effects.reads |= {
-            ("stamp", topic) for topic in m.inputs if self._max_age(topic) is not None
+            ("stamp", topic) for topic in m.inputs if self._max_age_ns(topic) is not None
         }
         for kind in ("mode", "gate"):
             effects.reads.add((kind, module))
@@ -156,13 +156,13 @@ class Footprints:
         if m.latch is not None:
             effects.writes |= {("topic", m.latch), ("stamp", m.latch)}
 
-    def _max_age(self, topic: int) -> int | None:
+    def _max_age_ns(self, topic: int) -> int | None:
         return self.system.topics[topic].max_age_ns
 
     # ------------------------------------------------------------ properties
 
     def property_reads(self, index: int) -> set[Label]:
-        """The resources that a property reads; none for a contract, part of its node's step."""
+        """The resources that a property reads; none for a contract, which its node's step reads."""
         if _is_contract(self.system.properties[index]):
             return set()
         effects = Effects()
@@ -170,7 +170,7 @@ class Footprints:
         return effects.reads | ({TIME} if effects.timed else set())
 
     def timed_property_reads(self, index: int) -> set[Label]:
-        """The resources that a timed property reads; for an invariant also what moves it on."""
+        """The resources that a timed property reads, and those by which an invariant changes."""
         assert self.system.test is not None
         effects = Effects()
         timed = self.core.timed[index]
@@ -199,17 +199,17 @@ class Footprints:
     # ------------------------------------------------------------ time
 
     def time_matters(self) -> bool:
-        """Whether the time of a step changes anything that a test can see."""
+        """Whether a test can notice at which time a step happens."""
         assert self.system.test is not None
         return (
             any(f.fact == "time" for f in self.facts)
             or bool(self.aged_topics())
-            or any(self._max_age(t) is not None for m in self.system.modules for t in m.inputs)
+            or any(self._max_age_ns(t) is not None for m in self.system.modules for t in m.inputs)
             or bool(self.system.test.timed)
         )
 
     def aged_topics(self) -> set[int]:
-        """The topics of which every age matters: those whose age is read, and those of latches."""
+        """The topics whose exact age matters: code reads it, or a latch rests on it."""
         latched = [m for m in self.system.modules if m.acknowledgement is not None]
         latches = {t for m in latched for t in (m.latch, m.acknowledgement) if t is not None}
         return latches | {f.index for f in self.facts if f.fact == "age"}
@@ -217,11 +217,11 @@ class Footprints:
     def limited_inputs(self) -> set[int]:
         """The module inputs whose age, against their `max_age`, decides a switch."""
         inputs = {t for m in self.system.modules if m.forced is None for t in m.inputs}
-        return {t for t in inputs if self._max_age(t) is not None}
+        return {t for t in inputs if self._max_age_ns(t) is not None}
 
 
 def _code_that_runs(lowered: core.CoreSystem) -> Iterator[object]:
-    """All Core that runs, functions aside, which are pure."""
+    """Yields all Core of steps, decisions and properties; functions, which are pure, aside."""
     yield from (_step_code(step) for step in lowered.nodes.values())
     yield from (_step_code(step) for step in lowered.plants.values())
     predicates = list(lowered.properties)
@@ -234,7 +234,7 @@ def _code_that_runs(lowered: core.CoreSystem) -> Iterator[object]:
 
 
 def _step_code(step: core.NodeStep | core.PlantStep) -> tuple[core.Stmt, ...]:
-    """All statements that a step may run, in the order in which it runs them."""
+    """All statements of a step, in the order in which they run."""
     if isinstance(step, core.NodeStep):
         return (*step.takeover, *step.body, *(step.shield.body if step.shield else ()))
     return (*step.choose, *step.integrate, *step.publish)
@@ -244,7 +244,7 @@ def _reads_time(root: object) -> bool:
     return any(isinstance(n, core.Fact) and n.fact in {"time", "age"} for n in walk(root))
 
 
-def _holds_draws(step: core.PlantStep) -> bool:
+def _holds_disturbances(step: core.PlantStep) -> bool:
     return any(d.hold_ns > 0 for _, _, some in step.disturbances for d in some)
 
 
@@ -253,12 +253,12 @@ def _cell_label(cell: core.Cell) -> Label:
 
 
 def _owns_queue(x: Component, queue: str) -> bool:
-    """Whether a queue is one of the component's; `a.b` may be taken for one of `a`'s."""
+    """Whether a queue belongs to the component; for `a.b` this may also say yes of `a`."""
     return queue.startswith(f"{x.name}.")
 
 
 def _is_contract(p: Property) -> bool:
-    """Whether a property is judged as a node steps."""
+    """Whether a property is a contract, which is judged as its node steps."""
     return p.component is not None
 
 
@@ -266,7 +266,7 @@ def _is_contract(p: Property) -> bool:
 
 
 def may_fault(system: System, lowered: core.CoreSystem, index: int) -> bool:
-    """Whether a step of the component can be a step fault."""
+    """Whether a step of the component can raise a step fault."""
     component = system.components[index]
     step = lowered.nodes.get(index) or lowered.plants.get(index)
     if step is None:
@@ -296,7 +296,7 @@ def _has_faults(bodies: tuple[core.Stmt, ...], faulty: set[str]) -> bool:
 
 
 def is_sampled(system: System, lowered: core.CoreSystem) -> bool:
-    """Whether some choice stands for a continuum, or is left to chance."""
+    """Whether the test tries only some values of a continuum, or draws some by chance."""
     return (
         any(_samples_input(system, d) for d in system.inputs)
         or any(_samples_draws(step) for step in lowered.plants.values())
@@ -315,7 +315,7 @@ def _samples_input(system: System, drive: InputDrive) -> bool:
 
 
 def _samples_draws(step: core.PlantStep) -> bool:
-    """Whether a plant's step draws disturbances or measurement errors."""
+    """Whether a plant's step draws disturbances or measurement errors from a continuum."""
     used = {n.name for n in walk(_step_code(step)) if isinstance(n, core.Var)}
     draws = [d for name, _, some in step.disturbances if name in used for d in some]
     draws += [d for _, _, d in step.noise]

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from soter.codegen import c_tree as c
 from soter.codegen.c_types import int_number
 from soter.core.layout import size_of
-from soter.explore.model.bit_packing import Packing, as_word, hulls, word
+from soter.explore.model.bit_packing import Packing, as_u64, int_hulls, u64
 from soter.language.model.types import leaves
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ X, S, NOW, SINCE_START = c.Name("x"), c.Name("s"), c.Name("now"), c.Name("from")
 
 @dataclass(frozen=True)
 class AgeingField:
-    """A packed field that time alone changes; `kind`: a constant of soter_explore.h; bits."""
+    """A packed field that changes as time passes: first bit, width, `SOTER_...` kind, limit."""
 
     at: int
     width: int
@@ -39,7 +39,7 @@ class AgeingField:
 
 
 def deadline_ns(system: System, t: TimedProperty) -> int:
-    """The deadline of a timed property in ns; for an invariant 2 periods of its module."""
+    """The deadline of a timed property in ns; an invariant has 2 periods of its module."""
     return t.within_ns if t.module is None else 2 * system.modules[t.module].period_ns
 
 
@@ -76,26 +76,25 @@ class ConfigurationEmitter:
         self.judged = {
             t.module: deadline_ns(system, t) for t in self.test.timed if t.module is not None
         }
-        self.last_now = self._ticks(
+        self.last_now = self._to_ticks(
             plan.horizon_ns + max((a.window_ns + a.overrun_ns for a in plan.actors), default=0)
         )
         self.packing = self._build_packing()
 
-    def _ticks(self, ns: int) -> int:
+    def _to_ticks(self, ns: int) -> int:
         return ns // self.plan.tick_ns
 
-    def _add_age(self, p: Packing, value: c.CExpr, width: int, kind: str, most: int = 0) -> c.CExpr:
-        """Packs a field that time alone changes."""
+    def _pack_ageing_field(
+        self, p: Packing, value: c.CExpr, width: int, kind: str, most: int = 0
+    ) -> c.CExpr:
+        """Packs a field that changes as time passes, and notes it in `ageing`."""
         self.ageing.append(AgeingField(p.bits, width, kind, most))
         return p.field(value, width)
 
     def struct(self) -> c.StructDef:
-        """The struct of soter_explore.h with the sizes of this system."""
-        actors, timeds, modules = (
-            len(self.plan.actors),
-            len(self.test.timed),
-            len(self.system.modules),
-        )
+        """The C struct of a configuration, as soter_explore.h describes it."""
+        actors, timeds = len(self.plan.actors), len(self.test.timed)
+        modules = len(self.system.modules)
         members = [
             c.StructMember(f"{self.prefix}_state", "state"),
             c.StructMember("int64_t", "now"),
@@ -111,7 +110,7 @@ class ConfigurationEmitter:
             c.StructMember(type_name, name, count) for type_name, name, count in counted if count
         ]
         end = self.layout.size + 8 + 8 * timeds + 8 * modules + 8 * actors + modules
-        members += _padding(end, 0)
+        members += _padding_members(end, 0)
         end += -end % 8
         for number in self.overrunning:
             self.held_at[number] = end
@@ -120,9 +119,9 @@ class ConfigurationEmitter:
             for position, topic in enumerate(self.plan.actors[number].outputs):
                 type_name = self.system.topics[topic].type
                 members.append(
-                    c.StructMember(self.types.stored(type_name), f"held_{number}_{position}")
+                    c.StructMember(self.types.stored_type(type_name), f"held_{number}_{position}")
                 )
-                members += _padding(size_of(type_name), 1000 * number + position + 1)
+                members += _padding_members(size_of(type_name), 1000 * number + position + 1)
                 end += size_of(type_name) + -size_of(type_name) % 8
         self.size = end
         return c.StructDef(
@@ -133,10 +132,10 @@ class ConfigurationEmitter:
 
     def _build_packing(self) -> Packing:
         p = Packing()
-        p.field(word(1), 1)
+        p.field(u64(1), 1)
         p.label = ("time", 0)
         shown = c.Ternary(
-            c.Binary("<", NOW, c.Number("0")), word(0), c.Binary("+", as_word(c.Name("n")), word(1))
+            c.Binary("<", NOW, c.Number("0")), u64(0), c.Binary("+", as_u64(c.Name("n")), u64(1))
         )
         self.now_read = p.field(shown, (self.last_now + 1).bit_length())
         self._pack_schedule(p)
@@ -152,17 +151,17 @@ class ConfigurationEmitter:
             self._pack_variables(p, component)
         for number in self.overrunning:
             self._pack_held(p, number)
-        p.finish()
+        p.store_last_word()
         return p
 
     def _pack_schedule(self, p: Packing) -> None:
-        """Packs each actor's releases, relative to those that it must have made; then lost ones."""
+        """Packs how far each actor's releases are ahead of those due; then its lost releases."""
         shared: dict[tuple[int, int, int], c.CExpr] = {}
         for number, actor in enumerate(self.plan.actors):
             key = (
-                self._ticks(actor.window_ns),
-                self._ticks(actor.phase_ns),
-                self._ticks(actor.period_ns),
+                self._to_ticks(actor.window_ns),
+                self._to_ticks(actor.phase_ns),
+                self._to_ticks(actor.period_ns),
             )
             if key not in shared:
                 shared[key] = self._required_releases(p, key)
@@ -173,7 +172,7 @@ class ConfigurationEmitter:
             ahead: c.CExpr = c.Binary("-", c.Cast("int64_t", done), shared[key])
             if bias:
                 ahead = c.Binary("+", ahead, int_number(bias))
-            got: c.CExpr = c.Cast("int64_t", p.field(as_word(ahead), most.bit_length()))
+            got: c.CExpr = c.Cast("int64_t", p.field(as_u64(ahead), most.bit_length()))
             if bias:
                 got = c.Binary("-", got, int_number(bias))
             p.unpack.append(c.Assign(done, c.Cast("uint32_t", c.Binary("+", shared[key], got))))
@@ -181,20 +180,20 @@ class ConfigurationEmitter:
         for number, actor in enumerate(self.plan.actors):
             p.label = ("lost", number)
             lost = c.IndexExpr(c.Arrow(X, "lost"), c.Number(str(number)))
-            got = p.field(as_word(lost), actor.skips.bit_length()) if actor.skips else word(0)
+            got = p.field(as_u64(lost), actor.skips.bit_length()) if actor.skips else u64(0)
             p.unpack.append(c.Assign(lost, c.Cast("uint32_t", got)))
 
     def _required_releases(self, p: Packing, key: tuple[int, int, int]) -> c.CExpr:
         """The releases that must have been made by now; `key`: window, phase, period in ticks."""
         name = p.name("must")
-        times = *(int_number(t) for t in key), int_number(self._ticks(self.plan.horizon_ns))
+        times = *(int_number(t) for t in key), int_number(self._to_ticks(self.plan.horizon_ns))
         call = c.CallExpr("soter_must", (c.Name("n"), *times))
         for body in (p.pack, p.unpack):
             body.append(c.Declare("int64_t", name, call, const=True))
         return c.Name(name)
 
     def _pack_timed_properties(self, p: Packing) -> None:
-        """Packs the state of the timed properties."""
+        """Packs the open deadlines, and what invariants know of the last verdict."""
         tick = int_number(self.plan.tick_ns)
         for number, timed in enumerate(self.test.timed):
             p.label = ("due", number)
@@ -202,9 +201,9 @@ class ConfigurationEmitter:
             if timed.module is not None:
                 p.unpack.append(c.Assign(due, c.Name("INT64_MAX")))
                 continue
-            width = (self._ticks(timed.within_ns) + 2).bit_length()
+            width = (self._to_ticks(timed.within_ns) + 2).bit_length()
             packed = c.CallExpr("soter_pack_due", (due, SINCE_START, tick))
-            got = self._add_age(p, packed, width, "SOTER_DUE")
+            got = self._pack_ageing_field(p, packed, width, "SOTER_DUE")
             p.unpack.append(c.Assign(due, c.CallExpr("soter_unpack_due", (got, SINCE_START, tick))))
         for module in range(len(self.system.modules)):
             p.label = ("verdict", module)
@@ -214,49 +213,49 @@ class ConfigurationEmitter:
                 p.unpack.append(c.Assign(verdict, c.Number("0")))
                 p.unpack.append(c.Assign(acted, c.Number("0")))
                 continue
-            most = self._ticks(self.judged[module]) + 1
-            since = c.CallExpr("soter_pack_since", (verdict, SINCE_START, tick, word(most)))
-            got = self._add_age(p, since, most.bit_length(), "SOTER_SINCE", most)
+            most = self._to_ticks(self.judged[module]) + 1
+            since = c.CallExpr("soter_pack_since", (verdict, SINCE_START, tick, u64(most)))
+            got = self._pack_ageing_field(p, since, most.bit_length(), "SOTER_SINCE", most)
             ago = c.Binary("*", c.Cast("int64_t", got), tick)
             p.unpack.append(c.Assign(verdict, c.Binary("-", SINCE_START, ago)))
-            got = p.field(as_word(acted), 1)
+            got = p.field(as_u64(acted), 1)
             p.unpack.append(c.Assign(acted, c.Cast("uint8_t", got)))
 
     def _pack_module(self, p: Packing, module: Module) -> None:
-        """Packs a module's mode and gate; of a forced module nothing, as neither has an effect."""
+        """Packs a module's mode and gate; a forced module has neither."""
         record = c.IndexExpr(c.Arrow(S, "modules"), c.Number(str(module.index)))
         mode: c.CExpr = c.Number("1U" if module.forced == "ac" else "0U")
         items: list[tuple[str | None, c.CExpr]] = []
         if module.forced is None:
             p.label = ("mode", module.index)
-            mode = c.Cast("uint8_t", p.field(as_word(c.Member(record, "mode")), 1))
+            mode = c.Cast("uint8_t", p.field(as_u64(c.Member(record, "mode")), 1))
             p.label = ("gate", module.index)
             if module.ac in self.plan.may_fault:
-                fault = p.field(as_word(c.Member(record, "gate_fault")), 1)
+                fault = p.field(as_u64(c.Member(record, "gate_fault")), 1)
                 needed = p.field(
-                    as_word(c.Member(record, "clean_needed")), module.clean.bit_length()
+                    as_u64(c.Member(record, "clean_needed")), module.clean.bit_length()
                 )
                 items.append(("clean_needed", c.Cast("uint32_t", needed)))
                 items.append(("gate_fault", c.Cast("uint8_t", fault)))
         p.unpack.append(c.Assign(record, c.Initializer((*items, ("mode", mode)), "soter_module")))
 
     def _pack_component(self, p: Packing, component: Component) -> None:
-        """Packs a component's latch and `had_control`; OE follows from the modes."""
+        """Packs a component's latch and `had_control`; the mode gives whether it is enabled."""
         record = c.IndexExpr(c.Arrow(S, "components"), c.Number(str(component.index)))
         enabled = self._enabled_expression(component)
         items: list[tuple[str | None, c.CExpr]] = [("oe", enabled)]
         if component.index in self.plan.may_fault and component.role not in {"ac", "dm"}:
             p.label = ("latched", component.index)
-            got = p.field(as_word(c.Member(record, "latched")), 1)
+            got = p.field(as_u64(c.Member(record, "latched")), 1)
             items.append(("latched", c.Cast("uint8_t", got)))
         if component.node is not None and component.node.takeover is not None:
             p.label = ("control", component.index)
-            got = p.field(as_word(c.Member(record, "had_control")), 1)
+            got = p.field(as_u64(c.Member(record, "had_control")), 1)
             items.append(("had_control", c.Cast("uint8_t", got)))
         p.unpack.append(c.Assign(record, c.Initializer(tuple(items), "soter_component")))
 
     def _enabled_expression(self, component: Component) -> c.CExpr:
-        """OE of a component, an expression over the modes."""
+        """The C of whether a component's outputs are enabled (OE), from the mode."""
         if component.role not in {"ac", "sc"}:
             return c.Number("1U")
         modules = c.Arrow(S, "modules")
@@ -266,7 +265,7 @@ class ConfigurationEmitter:
         return c.Ternary(same, c.Number("1U"), c.Number("0U"))
 
     def _pack_stamps(self, p: Packing) -> None:
-        """Packs the ages that matter, up to where they stop mattering."""
+        """Packs the ages of topics that matter, up to the age from which all count alike."""
         tick = int_number(self.plan.tick_ns)
         for topic in self.system.topics:
             p.label = ("stamp", topic.index)
@@ -275,54 +274,58 @@ class ConfigurationEmitter:
                 topic.policy == "fault" and topic.index not in self.plan.aged
             ):  # the mark of a lost value
                 never = c.Binary("==", stamp, c.Name("SOTER_NEVER"))
-                got = p.field(c.Ternary(never, word(0), word(1)), 1)
+                got = p.field(c.Ternary(never, u64(0), u64(1)), 1)
                 back: c.CExpr = c.Ternary(
-                    c.Binary("==", got, word(0)), c.Name("SOTER_NEVER"), c.Number("0")
+                    c.Binary("==", got, u64(0)), c.Name("SOTER_NEVER"), c.Number("0")
                 )
             elif topic.index in self.plan.aged:
                 packed = c.CallExpr("soter_pack_stamp", (stamp, SINCE_START, tick))
-                got = self._add_age(p, packed, (self.last_now + 1).bit_length(), "SOTER_STAMP")
+                got = self._pack_ageing_field(
+                    p, packed, (self.last_now + 1).bit_length(), "SOTER_STAMP"
+                )
                 back = c.CallExpr("soter_unpack_stamp", (got, SINCE_START, tick))
             elif topic.index in self.plan.limited and topic.max_age_ns is not None:
-                most = self._ticks(topic.max_age_ns) + 1
-                packed = c.CallExpr("soter_pack_since", (stamp, SINCE_START, tick, word(most)))
-                got = self._add_age(p, packed, most.bit_length(), "SOTER_SINCE", most)
-                back = c.CallExpr("soter_unpack_fresh", (got, SINCE_START, tick, word(most)))
+                most = self._to_ticks(topic.max_age_ns) + 1
+                packed = c.CallExpr("soter_pack_since", (stamp, SINCE_START, tick, u64(most)))
+                got = self._pack_ageing_field(p, packed, most.bit_length(), "SOTER_SINCE", most)
+                back = c.CallExpr("soter_unpack_fresh", (got, SINCE_START, tick, u64(most)))
             else:
                 back = c.Name("SOTER_NEVER")
             p.unpack.append(c.Assign(stamp, back))
 
     def _pack_topics(self, p: Packing) -> None:
-        """Packs the topics that something reads."""
+        """Packs the values of the topics that something reads."""
         for topic in self.system.topics:
             if topic.index in self.plan.read:
                 p.label = ("topic", topic.index)
-                p.append_value(self.frame.topic(topic.index), topic.type, self._int_ranges(topic))
+                p.append_value(
+                    self.frame.topic_place(topic.index), topic.type, self._int_ranges(topic)
+                )
 
     def _int_ranges(self, t: Topic) -> list[tuple[int, int] | None]:
-        """The ranges of a topic's ints: its set, and whatever it may start with."""
+        """The ranges of a topic's ints: its set, and the values that it may start with."""
         source = t.index if t.queue_of is None else t.queue_of
         values = [v for d in self.system.inputs if d.topic == source for v in d.values]
         values += [x.failsafe[source] for x in self.system.components if source in x.failsafe]
         if t.queue_of is not None:
             values = [tuple(values)]
-        return hulls(t.type, t.bounds, [t.default, *values])
+        return int_hulls(t.type, t.bounds, [t.default, *values])
 
     def _pack_variables(self, p: Packing, component: Component) -> None:
-        """Packs a component's locals and plant states."""
+        """Packs a component's locals or plant states."""
         for number, variable in enumerate(component.variables):
             p.label = ("cell", component.index, variable.name)
             known = component.initial_range[number] if component.initial_range else None
             start = [] if known is not None else [component.initial[number]]
             none = [None for _ in leaves(variable.type)]
             p.append_value(
-                self.frame.member(component.index, variable.name),
+                self.frame.member_place(component.index, variable.name),
                 variable.type,
-                hulls(variable.type, none, start),
+                int_hulls(variable.type, none, start),
             )
 
     def _pack_held(self, p: Packing, number: int) -> None:
-        """Packs what a step that still runs will publish."""
+        """Packs the outputs of an overrunning step, which it has yet to publish."""
         p.label = ("held", number)
         actor, tick = self.plan.actors[number], int_number(self.plan.tick_ns)
         held = c.Arrow(X, f"held_{number}")
@@ -330,24 +333,24 @@ class ConfigurationEmitter:
         runs, present = p.name("runs"), p.name("mask")
         none = c.Binary("<", since, c.Number("0"))
         p.pack.append(
-            c.Declare("uint64_t", runs, c.Ternary(none, word(0), c.Name("UINT64_MAX")), const=True)
+            c.Declare("uint64_t", runs, c.Ternary(none, u64(0), c.Name("UINT64_MAX")), const=True)
         )
         ago = c.CallExpr("soter_pack_since", (since, NOW, tick, c.Name("UINT64_MAX")))
-        shown = c.Ternary(none, word(0), c.Binary("+", ago, word(1)))
-        got = p.field(shown, (self._ticks(actor.overrun_ns) + 1).bit_length())
+        shown = c.Ternary(none, u64(0), c.Binary("+", ago, u64(1)))
+        got = p.field(shown, (self._to_ticks(actor.overrun_ns) + 1).bit_length())
         began = p.name("ago")
         p.unpack.append(c.Declare("uint64_t", began, got, const=True))
         back = c.Binary(
-            "-", NOW, c.Binary("*", c.Cast("int64_t", c.Binary("-", c.Name(began), word(1))), tick)
+            "-", NOW, c.Binary("*", c.Cast("int64_t", c.Binary("-", c.Name(began), u64(1))), tick)
         )
         p.unpack.append(
-            c.Assign(since, c.Ternary(c.Binary("==", c.Name(began), word(0)), c.Number("-1"), back))
+            c.Assign(since, c.Ternary(c.Binary("==", c.Name(began), u64(0)), c.Number("-1"), back))
         )
         p.pack.append(c.Declare("uint64_t", present, c.Binary("&", mask, c.Name(runs)), const=True))
         p.unpack.append(c.Assign(mask, p.field(c.Name(present), len(actor.outputs))))
         for position, index in enumerate(actor.outputs):
             topic = self.system.topics[index]
-            bit = c.Binary("!=", c.Binary("&", c.Name(present), word(1 << position)), word(0))
+            bit = c.Binary("!=", c.Binary("&", c.Name(present), u64(1 << position)), u64(0))
             keep = p.name("keep")
             p.pack.append(c.Declare("uint64_t", keep, c.CallExpr("soter_if", (bit,)), const=True))
             place = c.Arrow(X, f"held_{number}_{position}")
@@ -356,8 +359,8 @@ class ConfigurationEmitter:
     def pack(self, name: str) -> c.FunctionDef:
         """The C function that packs a configuration into words."""
         zero = c.Number("0")
-        tick = word(self.plan.tick_ns)
-        ticks = c.Cast("int64_t", c.Binary("/", as_word(NOW), tick))
+        tick = u64(self.plan.tick_ns)
+        ticks = c.Cast("int64_t", c.Binary("/", as_u64(NOW), tick))
         body = (
             c.Declare(f"const {self.name} *const ", "x", c.Name("configuration")),
             c.Declare(f"const {self.prefix}_state *const ", "s", c.Unary("&", c.Arrow(X, "state"))),
@@ -372,7 +375,7 @@ class ConfigurationEmitter:
                 const=True,
             ),
             *(c.Unused(n) for n in ("s", "from", "n")),
-            c.Declare("uint64_t", "w", word(0)),
+            c.Declare("uint64_t", "w", u64(0)),
             *self.packing.pack,
         )
         parameters = (("const void *", "configuration"), ("uint64_t *", "words"))
@@ -380,7 +383,7 @@ class ConfigurationEmitter:
         return c.FunctionDef("void", name, parameters, body, doc)
 
     def unpack(self, name: str) -> c.FunctionDef:
-        """The C function that reads words back; what decides nothing gets its first values."""
+        """The C function that unpacks words; fields that are not packed get fixed values."""
         zero, n = c.Number("0"), c.Name("n")
         header = c.Arrow(S, "header")
         none = c.Initializer((("first_ns", c.Name("SOTER_NEVER")),), "soter_property")
@@ -403,8 +406,8 @@ class ConfigurationEmitter:
             c.Unused("from"),
             c.Assign(c.Arrow(X, "now"), NOW),
             c.Assign(c.Member(header, "ct"), NOW),
-            c.Assign(c.Member(header, "violations"), word(0)),
-            c.Assign(c.Member(header, "firing"), word(0)),
+            c.Assign(c.Member(header, "violations"), u64(0)),
+            c.Assign(c.Member(header, "firing"), u64(0)),
             *(
                 c.Assign(c.IndexExpr(c.Arrow(S, "properties"), c.Number(str(q.index))), none)
                 for q in self.system.properties
@@ -421,6 +424,6 @@ class ConfigurationEmitter:
         )
 
 
-def _padding(size: int, number: int) -> list[c.StructMember]:
-    """The padding bytes up to a multiple of 8."""
+def _padding_members(size: int, number: int) -> list[c.StructMember]:
+    """The struct member that fills `size` bytes up to a multiple of 8, if one is needed."""
     return [c.StructMember("uint8_t", f"pad_{number}", -size % 8)] if size % 8 else []

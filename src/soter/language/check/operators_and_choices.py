@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Span, texts
+from soter.diagnostics.diagnostic import Span, help_texts
 from soter.diagnostics.fixes import replace
 from soter.language.check.checker_interface import Context
 from soter.language.check.expression_base import (
@@ -454,7 +454,7 @@ def _vector_help(
     if op == "*" and lt == rt and (expected is None or isinstance(expected, FloatType)):
         title = "for the scalar product write `dot(a, b)`"
         if expected is None:
-            return (title, texts([_components_help(expr, lt)])[0])
+            return (title, help_texts([_components_help(expr, lt)])[0])
         product = f"dot({expr.left.span.text}, {expr.right.span.text})"
         return (replace(expr.span, product, title),)
     if op in {"+", "-"}:

@@ -33,10 +33,10 @@ COMMENT = re.compile(r"/\*.*?\*/|//[^\n]*", re.DOTALL)
 
 
 def binding_warnings(program: TypedProgram, bound: Mapping[str, object]) -> tuple[Diagnostic, ...]:
-    """W007 for every extern without its code; `bound` overrides what the program says."""
+    """The warning W007 for every extern without code; `bound` overrides the program's bindings."""
     warnings: list[Diagnostic] = []
     others = {name.rpartition(".")[2] for name in bound}
-    for name, source, span in _sources(program):
+    for name, source, span in _declared_sources(program):
         if name.rpartition(".")[2] not in others:
             warnings += _missing_code(name, source, Label(span, "declared here"))
     for name, target in bound.items():
@@ -46,7 +46,7 @@ def binding_warnings(program: TypedProgram, bound: Mapping[str, object]) -> tupl
 
 
 def wide_actions(systems: Iterable[System], bound: Mapping[str, object]) -> tuple[Diagnostic, ...]:
-    """W037 where the actions of a zip leave the set of a topic, W007 where it cannot be read."""
+    """W037 if the actions of a zip leave the set of a topic, W007 if it cannot be read."""
     found: dict[Diagnostic, None] = {}
     for system in systems:
         for x in system.components:
@@ -92,7 +92,7 @@ def _wide_answers(
                 return
 
 
-def _sources(program: TypedProgram) -> Iterator[tuple[str, str, Span]]:
+def _declared_sources(program: TypedProgram) -> Iterator[tuple[str, str, Span]]:
     for table in (program.nodes, program.plants, program.funs):
         for symbol in cast("Mapping[str, NodeSymbol]", table).values():  # plants, funs: as nodes
             if symbol.extern and symbol.source is not None:
@@ -115,7 +115,7 @@ def _missing_code(name: str, source: str, where: Label | None) -> Iterator[Diagn
 
 
 def _why_missing(binding: BindingText) -> str:
-    """Why the code of a binding cannot be there; "": it may be."""
+    """Why the code of a binding cannot be there; "" if it may be there."""
     path, wanted = Path(binding.file), binding.name
     if binding.is_policy:
         absent = [file for file in binding.files if not Path(file).is_file()]
@@ -143,7 +143,7 @@ def _undefined_text(path: Path, wanted: str) -> str:
 
 
 def _defined_names(body: Iterable[ast.stmt]) -> Iterator[str]:
-    """The names that a module's statements may define; `*`: any name."""
+    """Yields the names that a module's statements may define; `*` for any name."""
     for statement in body:
         if isinstance(statement, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)):
             yield statement.name
@@ -162,6 +162,6 @@ def _defined_names(body: Iterable[ast.stmt]) -> Iterator[str]:
 
 
 def _names_by_call(call: ast.Call) -> Iterator[str]:
-    """The names that a call may define: `*` for `globals().update(...)` and its like."""
+    """Yields the names that a call may define: `*` for `globals().update(...)` and its like."""
     if any(isinstance(n, ast.Name) and n.id in ("globals", "exec") for n in ast.walk(call)):
         yield "*"

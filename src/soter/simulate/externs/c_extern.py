@@ -18,9 +18,9 @@ from soter.core.layout import align_of, arrange, decode_from, encode_into, scala
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
 from soter.language.model.types import BoolType, EnumType, FloatType, IntType
 from soter.language.model.values import from_python, to_python
-from soter.native.c_interface import interface, opened
-from soter.native.cache import digest, included
-from soter.native.extern_memory import another_copy, kept_by
+from soter.native.c_interface import interface, open_library
+from soter.native.cache import digest, included_files
+from soter.native.kept_state import library_copy, why_it_keeps_state
 from soter.native.shared_library import library
 from soter.simulate.externs.python_answers import PlainError
 
@@ -50,15 +50,15 @@ class CExtern:
 def c_externs(
     system: System, core: CoreSystem, nodes: Sequence[Component], funs: dict[FunSymbol, str]
 ) -> dict[str, CExtern]:
-    """Callables, by full name, for the nodes and functions of a system that are bound to C."""
+    """A callable for each node and function that is bound to C, by full name."""
     _refuse_the_impossible(nodes, list(funs))
     if not nodes and not funs:
         return {}
     unit = generate(system, core)
     shared = library(unit)
-    with another_copy(shared) if kept_by(unit) else nullcontext(shared) as copy:
+    with library_copy(shared) if why_it_keeps_state(unit) else nullcontext(shared) as copy:
         path = str(copy)
-        opened(interface(), copy, linked_symbols(system, core))  # says what is missing, and where
+        open_library(interface(), copy, linked_symbols(system, core))  # says what is missing
         extern_by_name = {
             component.name: CExtern(_node_callable(system, component, path)) for component in nodes
         }
@@ -72,18 +72,18 @@ def c_externs(
 
 
 def linked_symbols(system: System, core: CoreSystem | None) -> dict[str, str]:
-    """The C file in which each function of a binding to C should be, by the function's name."""
+    """For each function of a binding to C, by its name, the C file that should define it."""
     return {name: file for file, name in _c_bindings(system, core)}
 
 
 def linked_content(system: System, core: CoreSystem) -> str:
-    """A hash of the C files of bindings and of all that they include; `SoterError` X003."""
-    text_by_path = included(*(file for file, _ in _c_bindings(system, core)))
+    """A hash of the C files of bindings and of all files that they include; `SoterError` X003."""
+    text_by_path = included_files(*(file for file, _ in _c_bindings(system, core)))
     return digest(x for p, t in text_by_path.items() for x in (str(p), t)) if text_by_path else ""
 
 
 def _c_bindings(system: System, core: CoreSystem | None) -> list[tuple[str, str]]:
-    """The file and function of every binding to C."""
+    """The file and the function of every binding to C."""
     texts = [x.binding for x in system.components if x.extern]
     texts += [f.source for f in core.functions] if core is not None else []
     parts = [t.split(":") for t in texts if t is not None and t.startswith("c:")]
@@ -146,7 +146,7 @@ def _node_callable(
         if status != 0:
             raise CFaultError(f"it returned {status}")
         return {
-            output: _decode(got, *offsets[output])
+            output: _decode_member(got, *offsets[output])
             for output in outputs
             if got[offsets[f"has_{output}"][0]]
         }
@@ -154,12 +154,12 @@ def _node_callable(
     return step
 
 
-def _decode(buffer: bytearray, offset: int, t: Type) -> object:
+def _decode_member(buffer: bytearray, offset: int, t: Type) -> object:
     return to_python(t, decode_from(buffer, offset, t))
 
 
 def _struct_layout(types: list[Type]) -> tuple[list[int], int]:
-    """The offsets of a struct's members, as a C compiler places them, and the struct's size."""
+    """The offsets of a struct's members as a C compiler places them, and the struct's size."""
     at, align, places = 0, 1, []
     for t in types:
         alignment = align_of(t)
@@ -187,7 +187,7 @@ def _function_callable(fun: FunSymbol, source: str, path: str) -> Callable[..., 
 
 
 def _c_type(t: Type) -> str | None:
-    """The C type of a scalar in the generated prototype; None for all else."""
+    """The C type of a scalar in the generated prototype; None for any other type."""
     if isinstance(t, FloatType):
         return "double"
     if isinstance(t, BoolType):
@@ -201,7 +201,7 @@ def _c_type(t: Type) -> str | None:
 def _find_symbol(
     path: str, source: str, result: str, parameters: list[str]
 ) -> tuple[Any, Callable[..., Any]]:
-    """The FFI, and the function of the library under the name its binding gives."""
+    """The FFI, and the function of the library that a binding names."""
     name = source.rsplit(":", 1)[1]
     ffi = interface(f"{result} {name}({', '.join(parameters) or 'void'});")
-    return ffi, getattr(opened(ffi, Path(path)), name)
+    return ffi, getattr(open_library(ffi, Path(path)), name)

@@ -20,16 +20,16 @@ from soter.native.bindings import (
     binding_text,
     file_hashes,
     is_c,
-    not_callable,
+    not_callable_error,
     policy_files,
     require_read,
 )
 from soter.simulate.externs.python_extern import (
     PythonExtern,
-    clipping,
-    instantiate,
     load_python,
+    make_instance,
     node_answers,
+    with_clip,
 )
 from soter.simulate.interrupt import StopRequest
 
@@ -46,7 +46,7 @@ POLICY_MEMORY = 2 * 2**30
 def callables(
     bindings: Bindings, engine: str, stop: StopRequest, *, apart: bool = False
 ) -> dict[str, object]:
-    """The callables for one run; SoterError where an extern cannot be run on this engine.
+    """The callables of one run; SoterError if an extern cannot run on this engine.
 
     `apart`: nodes in Python get processes of their own.
     """
@@ -71,14 +71,14 @@ def callables(
 
 
 def require_runnable(bindings: Bindings, engine: str) -> None:
-    """SoterError where an extern cannot be run on this engine: X001, X007, X008."""
+    """Raises SoterError X001, X007, X008 if an extern cannot run on this engine."""
     problems = [p for x in bindings.externs if (p := _why_not_runnable(x, engine)) is not None]
     if problems:
         raise SoterError(tuple(problems))
 
 
 def _why_not_runnable(extern: Extern, engine: str) -> Diagnostic | None:
-    """The error that this extern cannot run on this engine; None: it can."""
+    """The error that an extern cannot run on this engine; None if it can."""
     declared = Label(extern.span, "declared here")
     short = extern.name.rpartition(".")[2]
     if extern.bound is None:
@@ -118,10 +118,10 @@ def _why_not_runnable(extern: Extern, engine: str) -> Diagnostic | None:
 
 
 def require_files(bindings: Bindings) -> None:
-    """Reads the files that answer externs before work that errors would waste; X003, X014.
+    """Reads the files that answer externs before work that an error would waste; X003, X014.
 
-    Policies are loaded as they are for a run, so that numbers which do not fit a node are told,
-    too; no Python of a person is executed. X001 and X008 for what no engine runs.
+    Policies are loaded as for a run, so that numbers which do not fit a node are reported; no
+    Python of a person is executed. X001 and X008 for what no engine runs.
     """
     require_runnable(bindings, "interp")
 
@@ -130,15 +130,15 @@ def require_files(bindings: Bindings) -> None:
         if binding is not None and binding.is_policy:
             apart = hasattr(os, "fork")
             loaded = _python_callable(bindings.system, extern, StopRequest(), apart=apart)
-            close({extern.name: loaded})
+            close_externs({extern.name: loaded})
         else:
             file_hashes(extern.bound)
 
     require_read(bindings.externs, read)
 
 
-def close(bound: Mapping[str, object]) -> None:
-    """Ends the processes that the callables of a run have."""
+def close_externs(bound: Mapping[str, object]) -> None:
+    """Ends the processes that a run's callables have."""
     for extern in bound.values():
         end = getattr(extern, "close", None) if not isinstance(extern, PythonExtern) else None
         if callable(end):
@@ -146,7 +146,7 @@ def close(bound: Mapping[str, object]) -> None:
 
 
 def assumptions(bound: Mapping[str, object]) -> list[str]:
-    """The assumptions that the files of policies leave open, a sentence for each callable."""
+    """A sentence for each policy on what its file leaves open."""
     pairs = [(name, getattr(extern, "assumed", ())) for name, extern in bound.items()]
     return [f"{name} assumes, as its file does not say: {'; '.join(x)}" for name, x in pairs if x]
 
@@ -174,7 +174,7 @@ def _python_callable(system: System, extern: Extern, stop: StopRequest, *, apart
 
 
 def _load_bounded(load: Callable[[], object]) -> object:
-    """Loads a policy with a memory limit of `POLICY_MEMORY` more, as a graph may ask for any."""
+    """Loads a policy under a memory limit of `POLICY_MEMORY` more, as a graph may ask for any."""
     with suppress(ImportError, OSError, ValueError):  # elsewhere nobody says what a process has
         from resource import RLIMIT_AS, getrlimit, setrlimit  # noqa: PLC0415 - POSIX only
 
@@ -187,7 +187,7 @@ def _load_bounded(load: Callable[[], object]) -> object:
 def _bound_target(system: System, extern: Extern) -> object:
     target = _find_target(system, extern)
     x = extern.component
-    return target if x is None or x.node is None else clipping(target, node_answers(system, x))
+    return target if x is None or x.node is None else with_clip(target, node_answers(system, x))
 
 
 def _find_target(system: System, extern: Extern) -> object:
@@ -195,14 +195,14 @@ def _find_target(system: System, extern: Extern) -> object:
     if isinstance(bound, str):
         return _load_object(system, extern, bound)
     if isinstance(bound, type):
-        return instantiate(bound, binding_text(bound), None)
+        return make_instance(bound, binding_text(bound), None)
     if not callable(getattr(bound, "step", bound)):
-        raise SoterError((not_callable(extern.name, bound),))
+        raise SoterError((not_callable_error(extern.name, bound),))
     return bound
 
 
 def _load_object(system: System, extern: Extern, text: str) -> object:
-    """The object that a text names: one of a Python file, or the policy in another file."""
+    """The object that a text names, in a Python file, or the policy in another file."""
     binding, x = binding_of(text), extern.component
     if binding is None or not binding.is_policy or x is None or x.node is None:
         return load_python(text, extern.span)

@@ -43,9 +43,9 @@ from soter.simulate.externs.python_answers import PlainError, failure_text
 from soter.simulate.externs.python_extern import (
     Answered,
     PythonExtern,
-    clipping,
     load_python,
     node_answers,
+    with_clip,
 )
 from soter.simulate.interrupt import StopRequest
 from soter.workers.child_process import Child, DeadError
@@ -78,7 +78,7 @@ class Spec:
 
 
 def write_spec(system: System, component: Component, seed: int, path: Path) -> None:
-    """Writes the spec of an extern node that is bound to Python, or to a policy."""
+    """Writes the spec of an extern node that is bound to Python or to a policy."""
     binding = binding_of(component.binding)
     assert component.node is not None
     assert binding is not None
@@ -90,32 +90,32 @@ def write_spec(system: System, component: Component, seed: int, path: Path) -> N
 
 
 class RealTimeResponder:
-    """A node beside a run in real time: a request and its answer are bytes of the exchange."""
+    """A node beside a run in real time: requests and answers are bytes of the exchange."""
 
     def __init__(self, spec: Spec) -> None:
         self._spec = spec
-        target = clipping(_load_target(spec), spec.answers)
+        target = with_clip(_load_target(spec), spec.answers)
         self._extern = PythonExtern(spec.name, target, StopRequest(), spec.shapes)
         self._extern.reset(spec.seed)
         self._reported = False
 
     def step(self, data: bytes) -> bytes | None:
-        """The answer to a request; None where the step failed; prints the first failure."""
+        """The answer to a request; None if the step failed; prints the first failure."""
         try:
-            return self._encode(self._extern.step(self._inputs(data)))
+            return self._encode_answer(self._extern.step(self._decode_inputs(data)))
         except Exception as error:  # noqa: BLE001 - whatever an extern does is its fault
             if not self._reported:
                 print(f"{self._spec.name}: {failure_text(error)}", file=sys.stderr, flush=True)
             self._reported = True
             return None
 
-    def _inputs(self, data: bytes) -> Any:  # noqa: ANN401 - a namespace of any values
+    def _decode_inputs(self, data: bytes) -> Any:  # noqa: ANN401 - a namespace of any values
         members = sorted(self._spec.exchange.request.members, key=lambda m: m.index)
         return inputs_to_python(
             [(m.name, m.type, decode_from(data, m.offset, m.type)) for m in members]
         )
 
-    def _encode(self, answer: object) -> bytes:
+    def _encode_answer(self, answer: object) -> bytes:
         values = convert_answer(self._spec.shapes, answer)
         sent = {n: v for (n, _), v in zip(self._spec.shapes, values, strict=True) if v is not None}
         present: dict[str, Any] = {f"has_{n}": n in sent for n, _ in self._spec.shapes}
@@ -128,7 +128,7 @@ class RealTimeResponder:
 
 
 def _load_target(spec: Spec) -> object:
-    """The object that the binding names; `SoterError` as loading raises it."""
+    """The object that the binding names; raises the `SoterError` of loading."""
     binding = binding_of(spec.binding)
     if binding is None or not binding.is_policy:
         return load_python(spec.binding, None)
@@ -138,7 +138,7 @@ def _load_target(spec: Spec) -> object:
 
 
 class _Words(io.FileIO):
-    """Standard error of a policy that waits for nobody who reads it: what has no room is lost."""
+    """Standard error of a policy that waits for no reader: text without room is lost."""
 
     def write(self, data: Any) -> int:  # noqa: ANN401 - bytes of any kind
         with suppress(OSError):
@@ -161,7 +161,7 @@ def main(path: str) -> int:
     channel.announce_ready()
     try:
         while True:
-            request = channel.next()
+            request = channel.next_request()
             channel.answer(request, server.step(request.data))
     except LayoutError:
         print(f"{spec.name}: asked in another layout", file=sys.stderr, flush=True)
@@ -191,7 +191,7 @@ class ForgedError(PlainError):
 
 
 class ProcessExtern:
-    """An extern as the engines call it: `step`, and `reset(seed)` before every run."""
+    """An extern in a process of its own: `step`, and `reset(seed)` before every run."""
 
     def __init__(
         self, name: str, load: Callable[[], object], shapes: Shapes, span: Span, stop: StopRequest
@@ -203,13 +203,13 @@ class ProcessExtern:
         self._left = RESTARTS
         self._patience_s = _step_patience_s()
         self.assumed: tuple[str, ...] = ()
-        self._child: Child | None = self._start()
+        self._child: Child | None = self._start_child()
 
     def step(self, inputs: object) -> object:
         """Makes a step; `GoneError`, `ForgedError`, or `PlainError` for what the extern raised."""
         if self._child is None:
-            self._child = self._restart()
-        reply = self._ask(self._child, b"s" + pickle.dumps(inputs), self._patience_s)
+            self._child = self._restart_child()
+        reply = self._ask_child(self._child, b"s" + pickle.dumps(inputs), self._patience_s)
         values = reply.get("values")
         if not isinstance(values, list) or len(values) != len(self._shapes):
             raise ForgedError("its process answered nothing that is an answer")
@@ -219,12 +219,12 @@ class ProcessExtern:
         )
 
     def reset(self, seed: int) -> None:
-        """Resets the object if it has `reset`; raises as `step` does."""
+        """Resets the object if it has `reset`; raises the errors of `step`."""
         self._seed = seed
         self._left = RESTARTS
         if self._child is None:
-            self._child = self._start()
-        self._ask(self._child, b"r%d" % seed, None)
+            self._child = self._start_child()
+        self._ask_child(self._child, b"r%d" % seed, None)
 
     def close(self) -> None:
         """Ends the process; `reset` starts another."""
@@ -232,11 +232,11 @@ class ProcessExtern:
             self._child.end()
         self._child = None
 
-    def _start(self) -> Child:
+    def _start_child(self) -> Child:
         shapes, load, name = self._shapes, self._load, self._name
         child = Child(lambda: VirtualTimeResponder(name, load, shapes).answer)
         try:
-            reply = self._ask(child, b"l", None)
+            reply = self._ask_child(child, b"l", None)
         except GoneError as error:
             text = f"extern `{self._name}` cannot be loaded: {error}"
             label = Label(self._span, "its process ended while this was loaded")
@@ -250,19 +250,19 @@ class ProcessExtern:
         self.assumed = tuple([visible(str(x)[:TEXT_MAX]) for x in texts[:8]])
         return child
 
-    def _restart(self) -> Child:
+    def _restart_child(self) -> Child:
         if self._left == 0:
             raise GoneError(f"its process is gone, and was started {RESTARTS} times again")
         self._left -= 1
         try:
-            child = self._start()
+            child = self._start_child()
         except SoterError as error:
             raise GoneError(error.diagnostics[0].message) from error
         if self._seed is not None:
-            self._ask(child, b"r%d" % self._seed, None)
+            self._ask_child(child, b"r%d" % self._seed, None)
         return child
 
-    def _ask(self, child: Child, question: bytes, patience_s: float | None) -> dict[str, Any]:
+    def _ask_child(self, child: Child, question: bytes, patience_s: float | None) -> dict[str, Any]:
         """The child's answer; a child that sends anything else counts as gone."""
         self._stop.in_extern = True
         try:
@@ -304,7 +304,7 @@ def _told_diagnostic(data: object, span: Span) -> Diagnostic:
 
 
 def check_value(t: Type, data: Any) -> Value:  # noqa: ANN401 - anything at all
-    """`data`, read from text, as a value of the type; `ForgedError` where it is none."""
+    """The value of type `t` that was read from text; `ForgedError` if it is none."""
     if isinstance(t, BoolType):
         fits = isinstance(data, bool)
     elif isinstance(t, FloatType):
@@ -344,16 +344,16 @@ class VirtualTimeResponder:
         self._extern: PythonExtern | None = None
 
     def answer(self, question: bytes) -> bytes:
-        """The answer to `l` (load), `r` (reset, with a seed) and `s` (step, with inputs)."""
+        """Answers `l` (load), `r` (reset, with a seed) or `s` (step, with inputs)."""
         try:
-            reply = self._answer(question[:1], question[1:])
+            reply = self._reply(question[:1], question[1:])
         except SoterError as error:
             reply = {"problems": [_diagnostic_document(d) for d in error.diagnostics]}
         except Exception as error:  # noqa: BLE001 - whatever an extern does is its fault
             reply = {"failed": failure_text(error)}
         return json.dumps(reply).encode()
 
-    def _answer(self, question: bytes, rest: bytes) -> dict[str, Any]:
+    def _reply(self, question: bytes, rest: bytes) -> dict[str, Any]:
         if question == b"l":
             self._extern = PythonExtern(self._name, self._load(), StopRequest(), self._shapes)
             return {"assumed": list(self._extern.assumed)}

@@ -55,7 +55,7 @@ class Tally:
 
 
 class ExternAnswers:
-    """The Python side of one run: which callable answers which component."""
+    """Answers the extern steps of one run by their Python callables."""
 
     def __init__(
         self, system: System, layout: StateLayout, library: Library, bound: Mapping[str, object]
@@ -72,11 +72,11 @@ class ExternAnswers:
         self.gates = {x.index: _Gate(system, x) for x in system.components if x.name in bound}
 
     def answer(self, state: Bytes, due: int) -> None:
-        """Computes and writes the answer that is due; `state` (state_size,)."""
+        """Computes and writes the answer for which the run waits; `state` (state_size,)."""
         component = self.system.components[due]
         self.tallies[component.name].steps += 1
         try:
-            data = self._call(component, state)
+            data = self._call_component(component, state)
         except Stop:
             raise
         except BaseException as error:  # noqa: BLE001 - whatever an extern does is its fault
@@ -93,7 +93,7 @@ class ExternAnswers:
         offset, t = self.layout.topic_offset(index), self.system.topics[index].type
         return topic.name.rpartition(".")[2], t, decode_from(raw, offset, t)
 
-    def _call(self, component: Component, state: Bytes) -> bytes:
+    def _call_component(self, component: Component, state: Bytes) -> bytes:
         raw = memoryview(state.data)
         if component.plant is not None:
             return self._call_plant(component, raw)
@@ -105,7 +105,7 @@ class ExternAnswers:
         shapes = node.answers
         values = convert_answer(shapes, self.steps[component.index](inputs))
         self.tallies[component.name].count(values)
-        self.gates[component.index].note(values, self.failures)
+        self.gates[component.index].note_refusal(values, self.failures)
         answered = {n: v for (n, _), v in zip(shapes, values, strict=True) if v is not None}
         present: dict[str, Value] = {f"has_{n}": n in answered for n, _ in shapes}
         return _encode(component, {**answered, **present})
@@ -150,7 +150,7 @@ SAID_MAX = 600
 
 
 class _Gate:
-    """Notes the leaf, value and bound of what the gate will refuse; a state keeps only the kind."""
+    """Notes leaf, value and bound of what the gate will refuse; a state keeps only the kind."""
 
     def __init__(self, system: System, component: Component) -> None:
         self.name = component.name
@@ -160,7 +160,7 @@ class _Gate:
         bursts = component.node.bursts if component.node is not None else ()
         self.bursts = [component.scope.topics[t] for t in bursts]
 
-    def note(self, values: Sequence[Value | None], failures: dict[str, str]) -> None:
+    def note_refusal(self, values: Sequence[Value | None], failures: dict[str, str]) -> None:
         """Notes the first value that is outside its topic's set."""
         if self.name in failures:
             return
@@ -176,7 +176,7 @@ class _Gate:
 
 
 def failure_text(error: BaseException, *, place: bool = True) -> str:
-    """The words for an extern's failure, with the line of the user's own file."""
+    """An extern's failure in words, with the line of the user's own file."""
     if isinstance(error, ValueShapeError):
         return visible(f"its answer has the wrong shape: {error_message(error)}")
     if isinstance(error, MisuseError):
@@ -207,7 +207,7 @@ def _failure_place(error: BaseException) -> str:
 def with_notes(
     system: System, bound: Mapping[str, object], failures: dict[str, str], tallies: dict[str, Tally]
 ) -> dict[str, object]:
-    """`bound` with callables that note each first failure and silences, for the interpreter.
+    """The callables in `bound`, wrapped so that they note first failures and silences.
 
     Silences are noted only for Python: what C leaves out only its own engine could see.
     """
@@ -254,7 +254,7 @@ class _FailureNotes:
         return answer
 
     def _check_answer(self, answer: object) -> object:
-        """Does nothing: the interpreter looks at the answer of a function."""
+        """Does nothing: the interpreter checks the answer of a function."""
         return answer
 
     def reset(self, seed: int) -> None:
@@ -285,5 +285,5 @@ class _ComponentNotes(_FailureNotes):
     def _check_answer(self, answer: object) -> object:
         values = Converted(convert_answer(self.shapes, answer))
         self.tally.count(values)
-        self.gate.note(values, self.failures)
+        self.gate.note_refusal(values, self.failures)
         return values

@@ -51,19 +51,19 @@ if TYPE_CHECKING:
 
     Shapes = Sequence[tuple[str, Type]]
 
-__all__ = ["PythonExtern", "instantiate", "load_python"]
+__all__ = ["PythonExtern", "load_python", "make_instance"]
 
 
 class _ExternChanges:
-    """The settings of externs; all of them share these, as all share the process."""
+    """The folder and recursion depth that externs have set; all externs share them."""
 
     folder = ""
     depth = 0
 
 
 def call_outside(call: Callable[..., object], *arguments: object) -> object:
-    """Calls `call(*arguments)` with the externs' settings; raises what it raises."""
-    home, depth, process = _folder(), sys.getrecursionlimit(), os.getpid()
+    """Calls `call(*arguments)` under the externs' settings; raises what the call raises."""
+    home, depth, process = _current_folder(), sys.getrecursionlimit(), os.getpid()
     if _ExternChanges.folder:
         _change_folder(_ExternChanges.folder)
     if _ExternChanges.depth > depth:
@@ -75,7 +75,7 @@ def call_outside(call: Callable[..., object], *arguments: object) -> object:
         restore_plain()
         _ExternChanges.depth = sys.getrecursionlimit()
         sys.setrecursionlimit(depth)
-        folder = _folder()
+        folder = _current_folder()
         _ExternChanges.folder = folder if folder != home else ""
         if folder != home:
             _change_folder(home)
@@ -89,8 +89,8 @@ def end_copy(process: int) -> None:
         os._exit(1)
 
 
-def _folder() -> str:
-    """The current folder; empty where it is gone."""
+def _current_folder() -> str:
+    """The current folder; "" if it is gone."""
     try:
         return os.getcwd()  # noqa: PTH109 - twice a step
     except OSError:
@@ -106,8 +106,8 @@ DEPTH = 3
 
 
 def misuse_hint(error: Exception, step: object, arguments: Sequence[Any], shapes: Shapes) -> str:
-    """A line on what to write instead; "" where the error is not about the call."""
-    if isinstance(error, TypeError) and _not_entered(error):
+    """A line on how to write the extern instead; "" if the error is not about the call."""
+    if isinstance(error, TypeError) and _call_failed(error):
         return f"{_call_words(step, arguments)}{_answer_words(shapes)}"
     (inputs, *_) = arguments or (None,)
     if not isinstance(inputs, SimpleNamespace):
@@ -124,14 +124,14 @@ def misuse_hint(error: Exception, step: object, arguments: Sequence[Any], shapes
     return ""
 
 
-def _not_entered(error: Exception) -> bool:
-    """Whether the call itself failed: the last frame is the one that calls externs."""
+def _call_failed(error: Exception) -> bool:
+    """Whether the call itself failed: its last frame is the one that calls externs."""
     frames = list(traceback.walk_tb(error.__traceback__))
     return bool(frames) and frames[-1][0].f_code is call_outside.__code__
 
 
 def _call_words(step: object, arguments: Sequence[Any]) -> str:
-    """Words on what the extern is called with: one argument with attributes, or several."""
+    """Says with what the extern is called: one argument with attributes, or several."""
     name = getattr(step, "__name__", "step")
     if len(arguments) != 1 or not isinstance(arguments[0], SimpleNamespace):
         types = ", ".join(_type_words(a) for a in arguments)
@@ -145,7 +145,7 @@ def _call_words(step: object, arguments: Sequence[Any]) -> str:
 
 
 def _answer_words(shapes: Shapes) -> str:
-    """Words on the answer that the extern is asked for."""
+    """Says which answer the extern is asked for."""
     if not shapes:
         return ""
     keys = ", ".join(f'"{name}": {t}' for name, t in shapes)
@@ -153,7 +153,7 @@ def _answer_words(shapes: Shapes) -> str:
 
 
 def _type_words(value: object, depth: int = DEPTH) -> str:
-    """The type of a value in words of Python, records with their fields."""
+    """The type of a value as Python's users say it; of records also the fields."""
     if isinstance(value, SimpleNamespace):
         inner = ", ".join(f"{n}: {_type_words(v, depth - 1)}" for n, v in vars(value).items())
         return f"with {inner}" if depth == DEPTH else f"({inner})" if depth else "(...)"
@@ -174,7 +174,7 @@ class ExternEscapeError(PlainError):
 
 
 class PythonExtern:
-    """A bound object as the engines call it: `step`, and `reset(seed)` before every run."""
+    """An extern in this process: `step`, and `reset(seed)` before every run."""
 
     def __init__(self, name: str, target: object, stop: StopRequest, shapes: Shapes = ()) -> None:
         """`shapes`: the names and types of its answer, for hints."""
@@ -188,7 +188,7 @@ class PythonExtern:
     def step(self, *arguments: Any) -> object:  # noqa: ANN401 - whatever the extern takes
         """Makes a step; raises only `Exception`s, and `Stop` for a person's Ctrl-C.
 
-        `MisuseError` where its code does not fit the call; what else it raises (`SystemExit`, say)
+        `MisuseError` if the code does not fit the call; what else it raises (`SystemExit`, say)
         becomes an `ExternEscapeError`.
         """
         self._stop.in_extern = True
@@ -207,7 +207,7 @@ class PythonExtern:
             self._stop.in_extern = False
 
     def reset(self, seed: int) -> None:
-        """Resets the object if it has `reset`; raises as `step` does, ExternEscapeError too."""
+        """Resets the object if it has `reset`; raises the errors of `step`."""
         start = getattr(self._target, "reset", None)
         if not callable(start):
             return
@@ -225,11 +225,11 @@ class PythonExtern:
 def load_python(source: str, span: Span | None) -> object:
     """The object that `python:file.py:name` names; a class is instantiated.
 
-    `span`: where the program declares it, for the diagnostics. `SoterError` X003 where the file
-    cannot be run, X002 where it has no such object, or it cannot be called.
+    `span`: where the program declares it, for the diagnostics. `SoterError` X003 if the file cannot
+    be run, X002 if it has no such object, or the object cannot be called.
     """
     _, file, name = source.split(":")
-    target: Any = _module(Path(file), span)
+    target: Any = _load_module(Path(file), span)
     for part in name.split("."):
         if not hasattr(target, part):
             raise _binding_error(
@@ -237,7 +237,7 @@ def load_python(source: str, span: Span | None) -> object:
             )
         target = getattr(target, part)
     if isinstance(target, type):
-        target = instantiate(target, f"{file}:{name}", span)
+        target = make_instance(target, f"{file}:{name}", span)
     if not callable(getattr(target, "step", target)):
         kind = type(target).__name__
         raise _binding_error(
@@ -252,7 +252,7 @@ def load_python(source: str, span: Span | None) -> object:
 # ---------------------------------------------------------------- files
 
 
-def _module(path: Path, span: Span | None) -> ModuleType:
+def _load_module(path: Path, span: Span | None) -> ModuleType:
     """The module of a file, executed once in a process for each content."""
     try:
         content = read_bytes(path)
@@ -289,8 +289,8 @@ def _module(path: Path, span: Span | None) -> ModuleType:
 def _import_first(folder: Path) -> None:
     """Lets an extern import the files beside it, now and later.
 
-    Modules that an extern of another folder imported under a name that this folder has, too, are
-    forgotten: else this one would get the other's. Whoever imported one keeps it.
+    Modules of the same names that an extern of another folder has imported are forgotten, as this
+    one would get them. Whoever imported one keeps it.
     """
     others = _FOLDERS - {folder}
     for name, module in list(sys.modules.items()) if others else ():
@@ -311,8 +311,8 @@ def _belongs_to(folder: Path, top: str, file: Path) -> bool:
     return file == folder / f"{top}.py" or folder / top in file.parents
 
 
-def instantiate(made_from: type, name: str, span: Span | None) -> object:
-    """An object of a bound class; `SoterError` X003 where it cannot be made."""
+def make_instance(made_from: type, name: str, span: Span | None) -> object:
+    """An object of a bound class; `SoterError` X003 if it cannot be made."""
     try:
         return call_outside(made_from)
     except KeyboardInterrupt:
@@ -324,7 +324,7 @@ def instantiate(made_from: type, name: str, span: Span | None) -> object:
 
 
 def _failing_line(error: BaseException, path: Path) -> tuple[str, ...]:
-    """A note with the line of the extern's own file where it failed; empty if unknown."""
+    """A note with the line of the extern's own file where it failed; () if unknown."""
     if isinstance(error, SyntaxError):
         return (f"in line {error.lineno} of `{error.filename}`",)
     places = {str(path), str(path.absolute())}
@@ -357,7 +357,7 @@ class Answered(NamedTuple):
 
 
 def node_answers(system: System, component: Component) -> tuple[Answered, ...]:
-    """What an extern node answers, in order."""
+    """The answers of an extern node, in order."""
     node = component.node
     assert node is not None
     topics = [system.topics[component.scope.topics[t]] for t in node.publishes]
@@ -367,8 +367,8 @@ def node_answers(system: System, component: Component) -> tuple[Answered, ...]:
     )
 
 
-def clipping(target: object, answers: Sequence[Answered]) -> object:
-    """The target, or an object that clips its answers, if its attribute `clip` is True."""
+def with_clip(target: object, answers: Sequence[Answered]) -> object:
+    """The target; if its attribute `clip` is True, an object that clips its answers."""
     return _Clipping(target, answers) if getattr(target, "clip", False) is True else target
 
 
@@ -385,7 +385,7 @@ class _Clipping(FilePolicy):
             self._reset(seed)
 
     def step(self, *arguments: Any) -> Converted:  # noqa: ANN401 - whatever the extern takes
-        """The extern's answer, clipped to the sets."""
+        """The extern's answer, each number clipped to its topic's set."""
         values = convert_answer(self._shapes, self._step(*arguments))
         return Converted(
             None

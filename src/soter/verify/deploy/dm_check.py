@@ -32,7 +32,7 @@ from soter.language.model.read_together import apart_at_most
 from soter.language.model.tree_walk import nodes, topic_reads
 from soter.language.model.typed import AgeRead
 from soter.language.model.types import leaves
-from soter.native.c_interface import interface, opened
+from soter.native.c_interface import interface, open_library
 from soter.native.shared_library import library
 from soter.verify.deploy.dm_test_cases import (
     AC,
@@ -192,7 +192,7 @@ class CompiledDM:
             " size_t axes, const size_t *at, const double *points, size_t count,"
             " unsigned char *found);"
         )
-        self.lib: Any = opened(self.ffi, library(unit))
+        self.lib: Any = open_library(self.ffi, library(unit))
 
     def mode_after_switch(self, mode: int, facts: Sequence[bool]) -> int:
         """The mode after the switch; facts in the order stale, ttf, safer, gate fault, clean."""

@@ -31,10 +31,10 @@ from soter.core.lower_statements import FunctionTable
 from soter.core.steps import lower_predicate
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.language.model.tree_walk import PARTS_MAX, conjuncts
-from soter.native.c_interface import declarations, interface, opened
+from soter.native.c_interface import declarations, interface, open_library
 from soter.native.cache import cached, digest, files_below
-from soter.native.compiler import STRICT, compile_with, find, vector_flags
-from soter.native.shared_library import CHECK_FAILED, OWN_SYMBOLS, include_flags, objects, texts
+from soter.native.compiler import STRICT, compile_with, find_compiler, vector_flags
+from soter.native.shared_library import CHECK_FAILED, OWN_SYMBOLS, c_texts, include_flags, objects
 from soter.verify.enclose.enclosed_operations import EnclosureOperations
 from soter.verify.enclose.enclosed_steps import Enclosed
 from soter.verify.enclose.enclosure_emitter import (
@@ -318,7 +318,7 @@ class ReachLibrary:
         self.ffi = engine_ffi()
         self.path = compiled_library(source, self.inputs, extra)
         """The library's file, whose name is a hash of everything it was built from."""
-        self.lib = opened(self.ffi, self.path)
+        self.lib = open_library(self.ffi, self.path)
 
     def symbol(self, name: str) -> Any:  # noqa: ANN401 - cdata
         """The address of `soter_NAME` of the unit, or NULL where the unit has no such function."""
@@ -330,11 +330,11 @@ class ReachLibrary:
 
 def compiled_library(source: str, inputs: int, extra: tuple[str, ...] = ()) -> Path:
     """The shared library, from the cache or built now; `SoterError` X004, X006."""
-    compiler = find()
+    compiler = find_compiler()
     more = (f"-DSOTER_INPUTS={inputs}", *vector_flags(), *extra)
     flags, unit_flags = (*FLAGS, *more), (*FLAGS, UNIT_LEVEL, *more)
     engine = (*(HERE / name for name in ENGINE), CHECK_FAILED)
-    headers = texts(*engine, *files_below(HERE, "*.h"))
+    headers = c_texts(*engine, *files_below(HERE, "*.h"))
     content = digest((source, compiler.identity, *flags, *unit_flags, *LINKED, *headers))
     name = f"reach-{content[:32]}.so"
 

@@ -13,7 +13,7 @@ import time
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.current_phase import phase
-from soter.diagnostics.diagnostic import texts
+from soter.diagnostics.diagnostic import help_texts
 from soter.language.elaborate.lints.rest_lints import doubt_about_rest
 from soter.language.model.types import show_ns
 from soter.verify.claims.claims import enter_static_claims
@@ -233,7 +233,7 @@ def _advice_on_rest(check: TubeCheck, claims: RestClaims, *, ask: bool) -> str:
 def _doubt_in_words(problem: TubeProblem) -> str:
     """The warning of `soter check` about `rest` (W022), with its help; "": there is none."""
     found = doubt_about_rest(problem.system, problem.module, unproved=True)
-    return "" if found is None else f"{found[1]}, {found[2]}: {texts([found[3]])[0]}"
+    return "" if found is None else f"{found[1]}, {found[2]}: {help_texts([found[3]])[0]}"
 
 
 def _younger_reads_in_words(problem: TubeProblem) -> str:

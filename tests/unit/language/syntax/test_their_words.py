@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from generators.file_listing import files_below
-from soter.diagnostics.fixes import applied
+from soter.diagnostics.fixes import apply_fix
 from soter.language.front_end import check_file
 from soter.language.syntax import their_words
 from soter.language.syntax.their_words import THEIRS, is_shown
@@ -160,7 +160,7 @@ def test_a_row_mends_the_program_or_shows_what_to_write(word: str, tmp_path: Pat
         assert not first.fixes
         return
     (fix,) = first.fixes
-    (mended,) = applied(fix).values()
+    (mended,) = apply_fix(fix).values()
     assert not check_file(program(tmp_path, mended)).diagnostics.has_errors
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Fix, Label, Source, Span, made
-from soter.diagnostics.fixes import append, applied, replace
+from soter.diagnostics.fixes import append, apply_fix, replace
 from soter.diagnostics.similar_names import closest
 from soter.language.syntax.their_words import helps_for, word_at
 from soter.language.syntax.tokens import (
@@ -222,7 +222,7 @@ class Cursor:
 
         None where so much was tried in this file that this edit is not.
         """
-        (written,) = applied(fix).values()
+        (written,) = apply_fix(fix).values()
         self.tried += len(written)
         if self.tried > TRIED_MAX:
             return None

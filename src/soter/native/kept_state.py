@@ -1,11 +1,10 @@
 """Whether the C of externs may keep state from one call to the next, and fresh copies of such C.
 
-Purpose: `kept_by` looks at the compiler's objects: C that has no variables of its own, and only
-calls functions known to keep nothing, keeps nothing; all other C may. `unknown_of` says why it
-cannot be known which files and input the C depends on. `another_copy` of a library is loaded with
-variables of its own.
-Non-goals: what it does keep; assembler and addresses that are written down in the C, which can
-do anything.
+Purpose: `why_it_keeps_state` looks at the compiler's objects: C that has no variables of its own,
+and only calls functions known to keep nothing, keeps nothing; all other C may.
+`why_input_is_unknown` says why nobody can know on which files and input the C depends. A
+`library_copy` is loaded with variables of its own.
+Non-goals: what the C does keep; assembler and addresses in the C, which can do anything.
 """
 
 from __future__ import annotations
@@ -17,15 +16,15 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.native.cache import SOTER, cached, digest, included, making
-from soter.native.compiler import compile_with, find
+from soter.native.cache import SOTER, cached, digest, included_files, making
+from soter.native.compiler import compile_with, find_compiler
 from soter.native.shared_library import (
     NEVER_SHIPPED,
     RUNTIME,
+    c_texts,
     checked_extern,
     include_flags,
     library_flags,
-    texts,
 )
 
 if TYPE_CHECKING:
@@ -65,39 +64,39 @@ LOCAL = 0
 
 
 @contextmanager
-def another_copy(path: Path) -> Iterator[Path]:
+def library_copy(path: Path) -> Iterator[Path]:
     """A copy of a library, to load in this block; it stays loaded as long as the process.
 
-    SoterError X006 where the cache cannot be written.
+    SoterError X006 if the cache cannot be written.
     """
     with making() as work:
         yield Path(shutil.copy2(path, work))
 
 
-def kept_by(unit: Unit) -> str:
-    """Why the C of the externs of a unit may keep something, in words; empty: it cannot.
+def why_it_keeps_state(unit: Unit) -> str:
+    """Why the C of a unit's externs may keep state between calls; "": it cannot.
 
-    SoterError X004 where it does not compile.
+    SoterError X004 if it does not compile.
     """
-    return _examined(unit, TOLD)
+    return _examination(unit, TOLD)
 
 
-def unknown_of(unit: Unit) -> str:
-    """Why it cannot be known which bytes the C of the externs of a unit depends on; empty: it can.
+def why_input_is_unknown(unit: Unit) -> str:
+    """Why nobody can know on which bytes the C of a unit's externs depends; "": it is known.
 
-    SoterError X004 where it does not compile.
+    SoterError X004 if it does not compile.
     """
-    return _examined(unit, UNKNOWN)
+    return _examination(unit, UNKNOWN)
 
 
-def _examined(unit: Unit, file_name: str) -> str:
+def _examination(unit: Unit, file_name: str) -> str:
     for source in unit.c_sources:
         if Path(source).suffix != ".c":
             return f"`{Path(source).name}` is no file of C"
     if not unit.c_sources:
         return ""
-    compiler, flags = find(), library_flags()
-    parts = [unit.header, compiler.identity, *flags, *texts(*unit.c_sources)]
+    compiler, flags = find_compiler(), library_flags()
+    parts = [unit.header, compiler.identity, *flags, *c_texts(*unit.c_sources)]
     parts.append(Path(__file__).read_text(encoding="utf-8"))
 
     def make(work: Path) -> None:
@@ -112,16 +111,16 @@ def _examined(unit: Unit, file_name: str) -> str:
         made = [o.read_bytes() for o in objects]
         (work / TOLD).write_text(_why_it_keeps_state(made), encoding="utf-8")
         read = (Path(f"{o}.d").read_text(errors="surrogateescape") for o in objects)
-        unknown = _unseen(" ".join(read), work, unit.c_sources) or _why_it_reads_outside(made)
+        unknown = _unknown(" ".join(read), work, unit.c_sources) or _why_it_reads_outside(made)
         (work / UNKNOWN).write_text(unknown, encoding="utf-8", errors="replace")
 
     folder = cached(f"memory-{unit.prefix[:32]}", digest(parts), (TOLD, UNKNOWN), make)
     return (folder / file_name).read_text(encoding="utf-8")
 
 
-def _unseen(rule: str, work: Path, sources: Iterable[str]) -> str:
-    """A file that the compiler read and `included` does not know; `rule`: its make rule."""
-    known = included(*sources, folders=(RUNTIME, NEVER_SHIPPED))
+def _unknown(rule: str, work: Path, sources: Iterable[str]) -> str:
+    """Why the compiler read what `included_files` does not know; `rule`: its make rule; "": no."""
+    known = included_files(*sources, folders=(RUNTIME, NEVER_SHIPPED))
     for when in (m[0] for text in known.values() for m in WHEN.finditer(text)):
         return f"it says when it was compiled (`{when}`)"
     names = (
@@ -135,7 +134,7 @@ def _unseen(rule: str, work: Path, sources: Iterable[str]) -> str:
 
 
 def _why_it_reads_outside(objects: list[bytes]) -> str:
-    """Why the objects may read files, clocks, the environment or other libraries; else ""."""
+    """Why objects may read files, clocks, the environment or other libraries; "": they do not."""
     if any(data[:6] != ELF for data in objects):
         return "the compiler's objects cannot be looked into"
     symbols = [x for data in objects for x in _symbols(data)]
@@ -145,7 +144,7 @@ def _why_it_reads_outside(objects: list[bytes]) -> str:
 
 
 def _why_it_keeps_state(objects: list[bytes]) -> str:
-    """Why the objects may keep something, in words; "": they cannot."""
+    """Why objects may keep state between calls, in words; "": they cannot."""
     if any(data[:6] != ELF for data in objects):
         return "the compiler's objects cannot be looked into"
     defined, called = set[str](), set[str]()
@@ -162,30 +161,30 @@ def _why_it_keeps_state(objects: list[bytes]) -> str:
     return f"it calls `{left[0]}`, which may keep something" if left else ""
 
 
-def _table(data: bytes) -> list[tuple[int, ...]]:
+def _section_headers(data: bytes) -> list[tuple[int, ...]]:
     (at,) = struct.unpack_from("<Q", data, 0x28)
     size, count = struct.unpack_from("<HH", data, 0x3A)
     return [struct.unpack_from("<IIQQQQIIQQ", data, at + k * size) for k in range(count)]
 
 
-def _name(data: bytes, at: int) -> str:
+def _string_at(data: bytes, at: int) -> str:
     return data[at : data.index(b"\0", at)].decode("utf-8", "replace")
 
 
 def _sections(data: bytes) -> Iterator[tuple[str, int, int]]:
-    """Name, flags and length of each section."""
-    table = _table(data)
+    """Yields name, flags and length of each section."""
+    table = _section_headers(data)
     names = table[struct.unpack_from("<H", data, 0x3E)[0]][4]
     for name, _, flags, _, _, length, *_ in table:
-        yield _name(data, names + name), flags, length
+        yield _string_at(data, names + name), flags, length
 
 
 def _symbols(data: bytes) -> Iterator[tuple[str, int]]:
-    """Name and section of each symbol that other objects can see."""
-    table = _table(data)
+    """Yields name and section of each symbol that other objects can see."""
+    table = _section_headers(data)
     for _, kind, _, _, offset, length, link, _, _, entry in table:
         if kind == SYMBOLS:
             for at in range(offset + entry, offset + length, entry):
                 name, info, _, section = struct.unpack_from("<IBBH", data, at)
                 if info >> 4 != LOCAL:
-                    yield _name(data, table[link][4] + name), section
+                    yield _string_at(data, table[link][4] + name), section

@@ -14,7 +14,7 @@ import soter
 from generators import stateful_externs
 from generators.flights_of_runs import alone, figures
 from soter.codegen.unit import generate
-from soter.native.extern_memory import kept_by, unknown_of
+from soter.native.kept_state import why_input_is_unknown, why_it_keeps_state
 from soter.native.shared_library import library
 from soter.simulate.run import NativeProgram
 
@@ -71,13 +71,13 @@ def unit_of(folder: Path, text: str) -> Unit:
 @pytest.mark.whole
 @pytest.mark.parametrize("name", KEEPS)
 def test_what_may_keep_something_is_said(name: str, tmp_path: Path) -> None:
-    assert kept_by(unit_of(tmp_path, KEEPS[name]))
+    assert why_it_keeps_state(unit_of(tmp_path, KEEPS[name]))
 
 
 @pytest.mark.whole
 @pytest.mark.parametrize("name", KEEPS_NOTHING)
 def test_what_cannot_keep_anything_is_not(name: str, tmp_path: Path) -> None:
-    assert kept_by(unit_of(tmp_path, KEEPS_NOTHING[name])) == ""
+    assert why_it_keeps_state(unit_of(tmp_path, KEEPS_NOTHING[name])) == ""
 
 
 def test_what_is_local_to_another_file_hides_no_function_of_a_library(tmp_path: Path) -> None:
@@ -86,18 +86,18 @@ def test_what_is_local_to_another_file_hides_no_function_of_a_library(tmp_path: 
     own = "__attribute__((noinline)) static double drand48(double x) { return x; }\n"
     other = tmp_path / "other.c"
     other.write_text(own + "double more(double x); double more(double x) { return drand48(x); }")
-    assert "drand48" in kept_by(replace(unit, c_sources=(*unit.c_sources, str(other))))
+    assert "drand48" in why_it_keeps_state(replace(unit, c_sources=(*unit.c_sources, str(other))))
 
 
 def test_every_kind_of_the_generator_is_known(tmp_path: Path) -> None:
     for kind in stateful_externs.KINDS:
         unit = generate(stateful_externs.system(tmp_path / kind, kind, 0))
-        assert bool(kept_by(unit)) == (kind != "nothing"), kind
+        assert bool(why_it_keeps_state(unit)) == (kind != "nothing"), kind
 
 
 def test_what_is_no_c_may_keep_anything(tmp_path: Path) -> None:
     unit = unit_of(tmp_path, KEEPS_NOTHING["arithmetic"])
-    assert "own.o" in kept_by(replace(unit, c_sources=(str(tmp_path / "own.o"),)))
+    assert "own.o" in why_it_keeps_state(replace(unit, c_sources=(str(tmp_path / "own.o"),)))
 
 
 def test_a_header_that_changes_is_looked_at_again(tmp_path: Path) -> None:
@@ -105,10 +105,10 @@ def test_a_header_that_changes_is_looked_at_again(tmp_path: Path) -> None:
     inner = "static double add(double s, double u, double w) { return s + u + w; }\n"
     (tmp_path / "inner.h").write_text(inner, encoding="utf-8")
     unit = unit_of(tmp_path, text)
-    assert kept_by(unit) == ""
+    assert why_it_keeps_state(unit) == ""
     inner = inner.replace("{ return", "{ static double all; all += s; return all +")
     (tmp_path / "inner.h").write_text(inner, encoding="utf-8")
-    assert kept_by(unit)
+    assert why_it_keeps_state(unit)
 
 
 BEGUN = "double moved(double s, double u, double w) { return s + u * w + "
@@ -138,7 +138,7 @@ def test_nobody_knows_what_c_depends_on_that_says_when_it_was_compiled(
     when: str, tmp_path: Path
 ) -> None:
     unit = unit_of(tmp_path, f"{BEGUN}{when}[4]; }}")
-    assert when in unknown_of(unit)
+    assert when in why_input_is_unknown(unit)
 
 
 # ---------------------------------------------------------------- runs in one process
