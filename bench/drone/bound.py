@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from flint import arb, arb_mat
 
-from soter.certificate.terms.linear_enclosures import above, exact
+from soter.certificate.terms.linear_enclosures import exact, upper
 from soter.language.front_end import check_file, system_of
 from soter.report.tables import table
 from soter.simulate.run import NativeProgram
@@ -187,7 +187,7 @@ def norm(m: arb_mat) -> arb:
 
 def total(row: Sequence[arb], tail: arb) -> float:
     """A double no smaller than the sum of magnitudes: the most that |u| <= 1 can reach."""
-    return above(sum((abs(x) for x in row), arb(0)) + tail)
+    return upper(sum((abs(x) for x in row), arb(0)) + tail)
 
 
 @dataclass(frozen=True)
@@ -221,7 +221,7 @@ def reach_of(loop: Loop) -> Reach:
     speed = rates(loop)
     edges = np.linspace(0.0, 1.0, SLABS + 1)
     bounds = np.zeros((3, SLABS))
-    step, slack = loop.value("STEP"), above(loop.value("STEP")) / (2 * PARTS) * OUTWARD
+    step, slack = loop.value("STEP"), upper(loop.value("STEP")) / (2 * PARTS) * OUTWARD
     moving = (speed[0], speed[1], speed[0] + speed[1])  # of z, f and f - z
     for part in range(PARTS):
         rows, tails = loop.responses(loop.missed, step * exact(part + 0.5) / PARTS)

@@ -244,9 +244,9 @@ def seal(folder: Path) -> None:
     for name in manifest["files"]:
         if (proof / name).is_file() and (proof / name).stat().st_size < 2**24:
             manifest["files"][name] = hashlib.sha256((proof / name).read_bytes()).hexdigest()
-    from soter.certificate.reading.folder import canonical  # noqa: PLC0415 - not for others
+    from soter.certificate.reading.folder import canonical_json  # noqa: PLC0415 - not for others
 
-    raw = canonical(manifest)
+    raw = canonical_json(manifest)
     said.write_bytes(raw)
     (proof / "SEAL").write_text(hashlib.sha256(raw).hexdigest() + "\n")
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.certificate.proof_methods import unclaimed
+from soter.certificate.proof_methods import parts_without_claim
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -228,7 +228,7 @@ def _only_claimed(made: Forged) -> None:
     for entry in made.manifest["modules"]:
         claims = {n for n, verdict in entry["claims"].items() if verdict == "proved"}
         for group in (g for c in entry.get("cases", []) for g in c["groups"]):
-            for name in unclaimed(group, claims, computed="tables" in entry):
+            for name in parts_without_claim(group, claims, computed="tables" in entry):
                 del group[name]
         if "P2b" not in claims and "recover_ns" in entry:
             entry["recover_ns"] = None

@@ -120,7 +120,7 @@ def base_of(name: str) -> Base:
         report = recheck(folder, workers=1)
         assert report.accepted, (name, report.reason)
         manifest, contents = read(folder)
-    said = tuple(a.key for a in report.said)
+    said = tuple(a.key for a in report.all_assumptions)
     confirmed = tuple(report.modules[0].confirmed)
     reached = reached_by(proof.modules[0].problem.times.schedule)
     return Base(name, PROGRAMS[name], manifest, contents, said, confirmed, reached)
@@ -225,7 +225,7 @@ def _against(report: Report, anew: Any) -> str:  # noqa: ANN401
         if missed:
             return f"{NOT_PROVED}: {', '.join(missed)}"
         told = "\n".join(assumption_texts(other.assumptions))
-        keys = {a.key for a in report.said}
+        keys = {a.key for a in report.all_assumptions}
         if ("never drop out" in told) != ("no dropout" in keys):
             return "drop-outs are assumed by one of the two"
         if "undeclared times" in told and not any(k.startswith("undeclared") for k in keys):
@@ -241,7 +241,7 @@ def _said(base: Base, edit: Edit, report: Report) -> str:
     if (
         edit.text is None
         and edit.kind != "parameters"
-        and {a.key for a in report.said} != {*base.said}
+        and {a.key for a in report.all_assumptions} != {*base.said}
     ):
         return "other assumptions than the program has"
     if edit.text is None:

@@ -9,7 +9,7 @@ import hashlib
 import json
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.reading.folder import canonical
+from soter.certificate.reading.folder import canonical_json
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -28,7 +28,7 @@ def seal(folder: Path, manifest: Manifest, contents: Contents) -> None:
     """Every file is written and every hash is right."""
     write(folder, contents)
     manifest["files"] = {n: hashlib.sha256(d).hexdigest() for n, d in contents.items()}
-    raw = canonical(manifest)
+    raw = canonical_json(manifest)
     (folder / "manifest.json").write_bytes(raw)
     (folder / "SEAL").write_text(hashlib.sha256(raw).hexdigest() + "\n")
 

@@ -115,7 +115,7 @@ def rechecked(certificate: Path, log: Path) -> FlightReport:
     """What a re-check says of a log."""
     flights = open_flights(certificate, [str(log)])
     assert flights is not None
-    (report,) = flights.check()
+    (report,) = flights.judge_logs()
     return report
 
 

@@ -17,7 +17,7 @@ import pytest
 
 import soter
 from json_documents import SCHEMAS, problems_of_fields
-from soter.certificate.reading.folder import canonical
+from soter.certificate.reading.folder import canonical_json
 from soter.certificate.report import ACCEPTED, NOT_RECHECKED
 from soter.cli.main import main
 from soter.diagnostics.diagnostic import Severity
@@ -217,8 +217,8 @@ def of_a_later_format(folder: Path) -> None:
     """A certificate of a later version, sealed as it would be."""
     path = folder / "manifest.json"
     manifest = {**json.loads(path.read_text(encoding="utf-8")), "schema": 99}
-    path.write_bytes(canonical(manifest))
-    (folder / "SEAL").write_text(hashlib.sha256(canonical(manifest)).hexdigest() + "\n")
+    path.write_bytes(canonical_json(manifest))
+    (folder / "SEAL").write_text(hashlib.sha256(canonical_json(manifest)).hexdigest() + "\n")
 
 
 def of_a_later_edition(path: Path) -> None:

@@ -86,9 +86,7 @@ def campaign(
         identity = _campaign_identity(arm.system, path, until_ns, seed, 0)
         identity = replace(identity, arm=arm.name, lateness=_quantiles_ns(lateness), **other.code())
         todo.append((arm.name, arm.text, other, folder / f"arm-{arm.name}", identity))
-    shares = [
-        _part_of_progress(progress or _ignore_progress, k, len(todo)) for k in range(len(todo))
-    ]
+    shares = [_part_of_progress(progress or _ignore_share, k, len(todo)) for k in range(len(todo))]
     with ExitStack() as held:
         crew = threads or held.enter_context(join_cluster())
         flown = [_fly_arm(*one, count, crew, t) for one, t in zip(todo, shares, strict=True)]
@@ -263,7 +261,7 @@ def _part_of_progress(progress: Progress, k: int, count: int) -> Progress:
     return lambda share: progress((k + share) / count)
 
 
-def _ignore_progress(_: float) -> None:
+def _ignore_share(_: float) -> None:
     pass
 
 

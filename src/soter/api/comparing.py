@@ -185,7 +185,7 @@ def _read_version(path: Path) -> Version:
         from soter.certificate.reading import folder  # noqa: PLC0415 - needs NumPy
 
         try:
-            checked, params = folder.program_of(folder.read_certificate(path))
+            checked, params = folder.read_program(folder.read_certificate(path))
         except folder.NotACertificateError as error:
             raise no_certificate_error(error) from None
     else:

@@ -447,12 +447,12 @@ def _local_names(proved: System, home: Path) -> dict[str, str]:
 
 def _confirmed_modules(report: Report, proved: System) -> dict[str, list[RecheckedModule]]:
     """By module of the proved system: what was confirmed of each of its views; D020."""
-    from soter.certificate.scope import parameters_of  # noqa: PLC0415 - an extra
+    from soter.certificate.scope import param_values  # noqa: PLC0415 - an extra
 
     short = proved.name.removeprefix(_prefix_of(proved.name))
     names = _local_names(proved, _declaring_file(proved))
     ours = set(names.values())
-    values = {n: v for n, v in parameters_of(proved).items() if _declared_name(proved, n) in ours}
+    values = {n: v for n, v in param_values(proved).items() if _declared_name(proved, n) in ours}
     reports_by_module: dict[str, list[RecheckedModule]] = {}
     for m in report.modules:
         if m.system != short:

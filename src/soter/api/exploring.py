@@ -1,7 +1,7 @@
 """Explores tests of a program, and checks before what a person asks of them.
 
 Purpose: `explore` chooses the tests, flattens their systems, has each searched, writes traces and
-pages, and makes one report. `chosen_tests` finds tests by name, `with_skew_and_horizon` gives a test
+pages, and makes one report. `chosen_tests` finds tests by name, `with_skew_and_horizon` gives one
 another skew or horizon.
 Non-goals: exploring one test (`explore/command.py`), the options themselves
 (`explore/search_options.py`).

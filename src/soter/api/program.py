@@ -228,8 +228,6 @@ class Program:
         require_utf8(path)
         return write_report(run, path, self.path, self_contained=self_contained)
 
-    # ------------------------------------------------------------ building and proving
-
     def build(
         self,
         target: str,
@@ -278,9 +276,8 @@ class Program:
         needless("beside `log`", until=None not in (log, until), seed=log is not None and seed != 1)
         flat = self.flat(system, params)
         run = None if log is not None else self.simulate(system, until, seed, params=params)
-        judged = by_name("soter.api.monitoring").judge_modules(
-            flat, log, run, module, estimates=estimates
-        )
+        judge = by_name("soter.api.monitoring").judge_modules
+        judged = judge(flat, log, run, module, estimates=estimates)
         return cast("list[Judgement]", judged)
 
     def judge_log(self, log: Any, mapping: Any, **how: Any) -> LogJudgement:  # noqa: ANN401

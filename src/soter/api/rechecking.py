@@ -63,7 +63,7 @@ def recheck(
         except NotACertificateError as error:
             raise no_certificate_error(error) from None
         if flights is not None:
-            flights.add_to(report)
+            flights.add_to_report(report)
     return report
 
 

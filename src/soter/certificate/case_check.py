@@ -4,7 +4,7 @@ Purpose: `CaseCheck` asks each claim of each group, and shows the tasks that com
 `proved_claims` says what an entry claims, `check_static_claims` compares P1 with the program.
 `TaskProcesses` deals tasks out to processes, which tell what came of each. They see what there was
 when they were forked; only answers come back. There is no thread: this process may fork again.
-`require_all_rates` shows, over the whole grid at once, each obligation of the rates (a divisor is
+`require_rates` shows, over the whole grid at once, each obligation of the rates (a divisor is
 not 0, an index is there, an assertion holds) that no group shows cell by cell.
 Non-goals: how a group shows a claim (`grid/grid_group.py`), certificates (`rechecker.py`).
 
@@ -34,13 +34,13 @@ from soter.certificate.reading.case_model import (
 from soter.certificate.reading.folder import FREE, OF_SETS
 from soter.certificate.reading.module_facts import (
     bounded_topics,
-    number_of,
+    const_value,
 )
 from soter.certificate.reading.module_times import DELAYS
 from soter.certificate.reading.symbolic_values import scalar_leaves
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.compile_terms import all_certain
-from soter.certificate.terms.terms import inputs_of
+from soter.certificate.terms.terms import input_atoms
 from soter.diagnostics.current_phase import share_done
 from soter.workers.child_process import end_with
 
@@ -64,7 +64,7 @@ VERDICTS = ("proved", "assumed", "undecided", "refuted")
 
 
 def proved_claims(claimed: object) -> set[str]:
-    """The properties that are said to be proved; RejectedError for unknown ones, or none."""
+    """The claims that are called proved; RejectedError for an unknown name, or no proved claim."""
     if not isinstance(claimed, dict):
         raise RejectedError("`claims` is not as it should be")
     for name, verdict in claimed.items():
@@ -77,7 +77,7 @@ def proved_claims(claimed: object) -> set[str]:
 
 
 def check_module_claims(system: System, module: Module, claims: dict[str, str]) -> None:
-    """P1a, P1b, and that a DM can give control back; `RejectedError` where they overstate."""
+    """Checks P1a, P1b, and that the DM can give control back; RejectedError where one is false."""
     ac, sc = (system.components[i] for i in (module.ac, module.sc))
     latch = module.symbol.latch
     if claims.get("P2b") == PROVED and latch is not None and latch.topic is None:
@@ -90,15 +90,15 @@ def check_module_claims(system: System, module: Module, claims: dict[str, str]) 
         raise RejectedError("P1b: AC and SC do not publish the same topics")
 
 
-def p1c_of(facts: Facts) -> str:
-    """Say "proved" if P1c rests on declared times, else "assumed"; H >= H* is checked elsewhere."""
+def p1c_verdict(facts: Facts) -> str:
+    """Gives "proved" if P1c rests on declared times alone, else "assumed"; does not compare H."""
     verify = facts.symbol.verify
     declared = all(getattr(verify, name) is not None for _, name in DELAYS.values())
     return "proved" if declared and not facts.ways.undeclared else "assumed"
 
 
 def check_static_claims(facts: Facts, claims: dict[str, str]) -> None:
-    """Compare P1a, P1b and P1c with the program; `RejectedError` where they overstate."""
+    """Compares P1a, P1b and P1c with the program; `RejectedError` where a claim overstates it."""
     check_module_claims(facts.flying, facts.flying_module, claims)
     if claims.get("P1c") not in (PROVED, "assumed"):
         return
@@ -109,7 +109,7 @@ def check_static_claims(facts: Facts, claims: dict[str, str]) -> None:
     if blind and facts.times["H_ns"] < facts.start_ns:
         # an "AC" verdict shows nothing of what SC alone reads: only from h_0 on it is there
         raise RejectedError(f"P1c: `{blind[0]}`, which the DM does not read, may come after H")
-    if claims["P1c"] == PROVED != p1c_of(facts):
+    if claims["P1c"] == PROVED != p1c_verdict(facts):
         raise RejectedError("P1c rests on times that are not declared: it is assumed, not proved")
 
 
@@ -119,7 +119,7 @@ def can_fork() -> bool:
 
 
 class TaskProcesses:
-    """Processes that call `answer` on the tasks 0, 1, ..., dealt out among `workers` of them."""
+    """Processes among which the tasks 0, 1, ... are dealt out; each calls `answer` on its tasks."""
 
     def __init__(self, tasks: int, answer: Callable[[int], Any], workers: int) -> None:
         fork = multiprocessing.get_context("fork")
@@ -136,9 +136,9 @@ class TaskProcesses:
             self._answers.append(ours)
 
     def answers(self) -> Generator[tuple[int, Any]]:
-        """Tasks that are done, with their answers, as they come; what one raised is raised here.
+        """Gives each task with its answer as it is done; raises what a process raised.
 
-        BrokenExecutor where a process ended before its time. Then, and when all is said, they end.
+        BrokenExecutor where a process ended before its time. At the end all processes are ended.
         """
         try:
             while self._left:
@@ -156,10 +156,10 @@ class TaskProcesses:
                 if self._left and not self._answers:
                     raise BrokenExecutor("a process of the re-check was ended")
         finally:
-            self.end()
+            self.end_processes()
 
-    def end(self) -> None:
-        """End all processes; what still works is not waited for."""
+    def end_processes(self) -> None:
+        """Ends all processes, and does not wait for their tasks."""
         for process in self._processes:
             process.kill()
             process.join()
@@ -196,12 +196,12 @@ class CaseCheck:
     done: float = 0.0
     """The work of the tasks that are done, in the unit of `Task`."""
 
-    def check(self) -> None:
-        """Collect what is to be shown, and show it; RejectedError where it does not hold."""
-        self._collect()
+    def show_claims(self) -> None:
+        """Collects the tasks that show the claims, and runs them; RejectedError where one fails."""
+        self._collect_tasks()
         self._run_tasks()
 
-    def _collect(self) -> None:
+    def _collect_tasks(self) -> None:
         facts, claims = self.model.facts, self.claims
         lawful = [None] * len(self.groups) if self.lawful is None else self.lawful
         pairs = zip(self.groups, lawful, strict=True)
@@ -209,33 +209,33 @@ class CaseCheck:
         if facts.unbounded:
             extras.left_out_states.require_unread_states(self.model, len(self.groups))
         each = zip(self.groups, self.checks, strict=True)
-        require_all_rates(self.model, [g.states for g, check in each if check.shows_rates_defined])
+        require_rates(self.model, [g.states for g, check in each if check.shows_rates_defined])
         if claims & OF_SETS:
-            self._ask_core()
+            self._add_core_tasks()
         if claims & FREE:
-            self._add_tasks(c.show_free(facts.times["H_ns"]) for c in self.checks)
+            self._add_tasks(c.free_tasks(facts.times["H_ns"]) for c in self.checks)
             if facts.computed:
-                self._add_tasks(c.show_levels(facts.between_ns) for c in self.checks)
+                self._add_tasks(c.levels_tasks(facts.between_ns) for c in self.checks)
             else:
-                self._ask_predicates()
+                self._add_predicate_tasks()
         if "P2b" in claims:
-            self._ask_return()
+            self._add_return_tasks()
         if "start" in claims:
-            self._ask_start()
+            self._add_start_tasks()
 
     def _add_tasks(self, tasks: Iterable[Iterable[Task]]) -> None:
         for some in tasks:
             self.tasks += some
 
     def _certain_cells(self, expr: typed.TypedExpr, *, errors: bool) -> list[Cells]:
-        """For each group the cells of its part on which a predicate certainly holds."""
+        """For each group the cells on which its share of a predicate certainly holds."""
         parts = [g.tables for g in self.groups]
         inside = narrowed_extents(self.model.extents, parts)
         model = CaseModel(self.model.facts, self.model.parameter, inside)
         return certain_cells(model, parts, expr, errors=errors)
 
-    def _ask_core(self) -> None:
-        """Ask for K: SC keeps `safe` from it, and what is published in its set, and leads back."""
+    def _add_core_tasks(self) -> None:
+        """Adds the tasks about K: SC leads back to K, and keeps `safe` and the sets of topics."""
         facts = self.model.facts
         shown = self._certain_cells(facts.symbol.safe, errors=False)
         for check, cells in zip(self.checks, shown, strict=True):
@@ -246,10 +246,10 @@ class CaseCheck:
             for check, cells in zip(self.checks, shown, strict=True):
                 check.keep_in_topic_set(topic, cells)
         facts.in_sets = tuple(bounded_topics(facts))
-        self._add_tasks(c.show_core() for c in self.checks)
+        self._add_tasks(c.core_tasks() for c in self.checks)
 
-    def _ask_predicates(self) -> None:
-        """Ask P3: where `ttf` may be false or `safer` true on an estimate, the state is in R(H)."""
+    def _add_predicate_tasks(self) -> None:
+        """Adds the tasks of P3: where `ttf` may be false or `safer` true, the state is in R(H)."""
         symbol = self.model.facts.symbol
         predicates = ("ttf", self.model.facts.ttf, False), ("safer", symbol.safer, True)
         for name, expr, admits in predicates:
@@ -257,24 +257,24 @@ class CaseCheck:
                 continue
             if expr is None:
                 raise NotRecheckedError("computed predicates are not rechecked yet")
-            self._add_tasks(c.show_predicate(name, expr, admits=admits) for c in self.checks)
+            self._add_tasks(c.predicate_tasks(name, expr, admits=admits) for c in self.checks)
 
-    def _ask_return(self) -> None:
-        """Ask for P2b: SC keeps Q, within `safer`, and leads there from all of K by way of W."""
+    def _add_return_tasks(self) -> None:
+        """Adds the tasks of P2b: from all of K SC leads through W to Q, and keeps Q in `safer`."""
         self._compare_recover_time()
         safer, count = self.model.facts.symbol.safer, len(self.checks)
         calm = [None] * count if safer is None else self._certain_cells(safer, errors=True)
-        self._add_tasks(c.show_return(cells) for c, cells in zip(self.checks, calm, strict=True))
+        self._add_tasks(c.return_tasks(cells) for c, cells in zip(self.checks, calm, strict=True))
 
     def _compare_recover_time(self) -> None:
-        """RejectedError where SC may take longer to return than declared, by any group."""
+        """RejectedError where SC may take longer to return, by any group, than the program says."""
         facts, wanted = self.model.facts, self.entry["recover_ns"]
         declared = facts.symbol.verify.recover
         if declared is None:
             if wanted is not None:
                 raise RejectedError("the program declares no time to return")
             return
-        if wanted != number_of(facts, declared):
+        if wanted != const_value(facts, declared):
             raise RejectedError("the time to return is another one in the program")
         longest = max((c.holds_to_return for c in self.checks), default=0)
         bound = longest * facts.times["delta_ns"] + facts.jitter_ns  # a_N is late by j at most
@@ -282,13 +282,13 @@ class CaseCheck:
         if bound > wanted:
             raise RejectedError("SC may take longer to return than the program allows")
 
-    def _ask_start(self) -> None:
-        """Ask that the declared initial states stay in K until SC acts, whatever acts before."""
+    def _add_start_tasks(self) -> None:
+        """Adds the tasks that the initial states stay in K until SC acts, whatever acts before."""
         facts = self.model.facts
         pairs = zip(facts.parameters, self.model.parameter, strict=True)
         if not all(v in p.begins for p, v in pairs):
             return  # no run starts with these values
-        self._add_tasks(c.show_start(facts.start_ns) for c in self.checks)
+        self._add_tasks(c.start_tasks(facts.start_ns) for c in self.checks)
         for c in facts.controls:
             if not c.low <= scalar_leaves(facts.system.topics[c.owner].default)[c.leaf] <= c.high:
                 raise RejectedError(f"the default of `{c.name}` is outside its set")
@@ -319,12 +319,12 @@ class CaseCheck:
         share_done(self.done / sum(work for _, work in self.tasks))
 
 
-def require_all_rates(model: CaseModel, seen_to: Sequence[Sequence[int]]) -> None:
-    """`NotRecheckedError` where a rate may be undefined; `seen_to`: groups that look themselves.
+def require_rates(model: CaseModel, seen_to: Sequence[Sequence[int]]) -> None:
+    """`NotRecheckedError` where a rate may be undefined on the grid and no group looks at it.
 
-    Those are groups that are not linear, and that runs could leave (`grid/flow_enclosures.py`). An
-    obligation about states of several groups is left to one that looks: there the others' states
-    range over their grids.
+    `seen_to`: the states of each group that looks itself: it is not linear, and runs could leave it
+    (`grid/flow_enclosures.py`). An obligation on states of several groups is left to one that
+    looks: there the others' states range over their grids.
     """
     if model.facts.kind == "map":
         return  # a map's obligations are demanded of every cell
@@ -333,8 +333,8 @@ def require_all_rates(model: CaseModel, seen_to: Sequence[Sequence[int]]) -> Non
     shown = [{states[i].atom for i in members} for members in seen_to]
     left = []
     for truth in terms.obligations:
-        inputs = inputs_of(terms, [truth])
-        if any(inputs & own for own in shown):
+        inputs = input_atoms(terms, [truth])
+        if any(inputs & members_of_group for members_of_group in shown):
             continue
         if shown and not inputs & {x.atom for x in states}:
             continue  # about commands and disturbances alone: every such group asks it
@@ -344,7 +344,7 @@ def require_all_rates(model: CaseModel, seen_to: Sequence[Sequence[int]]) -> Non
 
 
 def narrowed_extents(extents: Extents, parts: Iterable[Axes]) -> Extents:
-    """Ranges of all states in which those of some groups are the ends of their grids."""
+    """The ranges of all states; those of the states of `parts` are the ends of their grids."""
     ends = list(extents)
     for part in parts:
         for state, edges in zip(part.states, part.grid.edges, strict=True):

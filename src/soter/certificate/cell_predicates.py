@@ -19,10 +19,10 @@ from flint import arb
 from soter.certificate.cell_sets import (
     Cells,
     block_index,
+    cell_count,
     cells_uncovered,
-    halves,
+    halves_of_block,
     holds_in_parts,
-    volume,
 )
 from soter.certificate.terms.compile_terms import compile_truths, form_of_box
 from soter.certificate.terms.linear_enclosures import ZERO, exact
@@ -36,9 +36,9 @@ from soter.certificate.terms.terms import (
     both,
     conjuncts,
     either,
-    inputs_of,
+    input_atoms,
     negation,
-    parts_of,
+    subpropositions,
 )
 
 if TYPE_CHECKING:
@@ -66,10 +66,9 @@ def certain_cells(
 ) -> list[Cells]:
     """For each group the cells on which its share of a predicate certainly holds.
 
-    The predicate holds on the product of these sets: each of its conjuncts is the matter of one
-    group, all other states ranging over their whole grids, in which their C's lie. It is that of
-    the group on which it depends most; any choice is sound, and only this one is useful. Where
-    `errors`, on every estimate of every state.
+    The predicate holds on the product of these sets. Each conjunct is the share of one group; all
+    other states range over their whole grids. It goes to the group on which it depends most: any
+    choice is sound, this one is useful. With `errors` it holds of every estimate of every state.
     """
     terms, states = model.new_terms(ENDLESS)
     truth = model.predicate(terms, states, expr, errors=errors)
@@ -79,10 +78,10 @@ def certain_cells(
 def cells_published_in_set(model: CaseModel, groups: Sequence[Axes], topic: int) -> list[Cells]:
     """For each group the cells on which what plants publish on a topic is in its declared set.
 
-    That of every estimate: outside of its set the plant stops. Shared out as by `certain_cells`.
+    This holds of every estimate: outside of its set the plant stops.
     """
     terms, states = model.new_terms(ENDLESS)
-    return _cells_by_share(model, groups, terms, states, model.in_set(terms, states, topic))
+    return _cells_by_share(model, groups, terms, states, model.topic_in_set(terms, states, topic))
 
 
 def _cells_by_share(
@@ -96,34 +95,34 @@ def _cells_by_share(
     shares: list[list[Proposition]] = [[] for _ in groups]
     atoms = [x.atom for x in states]
     for part in [*conjuncts(truth), *terms.obligations]:
-        weights = [influence(terms, part, [atoms[i] for i in g.states]) for g in groups]
+        weights = [influence_of_inputs(terms, part, [atoms[i] for i in g.states]) for g in groups]
         owner = max(range(len(groups)), key=lambda k: float(weights[k]))
         shares[owner].append(part)
     return [
-        decided_cells(Decision(model, g.states, terms, atoms, conjunction_of(share)), g.grid)
+        cells_where_certain(Decision(model, g.states, terms, atoms, conjunction_of(share)), g.grid)
         for g, share in zip(groups, shares, strict=True)
     ]
 
 
-def influence(terms: Terms, root: Proposition, inputs: Sequence[int]) -> arb:
-    """Roughly how much inputs move what is compared in a proposition; a guide, no bound."""
+def influence_of_inputs(terms: Terms, root: Proposition, inputs: Sequence[int]) -> arb:
+    """About how far inputs move the numbers that a proposition compares; a guide, no bound."""
     moved: dict[int, arb] = {}
 
-    def of(x: Linear) -> arb:
+    def width(x: Linear) -> arb:
         return sum((abs(f) * moved.get(a, ZERO) for a, f in x.terms.items()), ZERO)
 
     for index in sorted(atoms_under(terms, [root])):
         atom = terms.atoms[index]
         if atom.arguments:
-            moved[index] = sum((of(x) for x in atom.arguments), ZERO)
+            moved[index] = sum((width(x) for x in atom.arguments), ZERO)
         elif index in inputs:
             moved[index] = atom.high - atom.low
 
-    return sum((of(p.argument) for p in parts_of(root) if p.argument is not None), ZERO)
+    return sum((width(p.argument) for p in subpropositions(root) if p.argument is not None), ZERO)
 
 
 def conjunction_of(parts: Sequence[Proposition]) -> Proposition:
-    """The proposition that all of them hold."""
+    """The conjunction of some propositions."""
     conjunction = TRUE
     for p in parts:
         conjunction = both(conjunction, p)
@@ -131,11 +130,11 @@ def conjunction_of(parts: Sequence[Proposition]) -> Proposition:
 
 
 class Decision:
-    """The truth of a proposition on boxes of some states, other states on their grids.
+    """Evaluates a proposition on boxes of some states, with all others anywhere on their grids.
 
-    Errors and other topics count as states here, behind those that are asked for, so that they are
-    halved with the cell. `ranges`: theirs; `reads`: of each state that is asked for whether
-    the proposition depends on it.
+    Errors and other topics that it reads follow as further axes, so that they are halved with the
+    cell. `ranges`: those of these axes; `reads`: for each state whether the proposition depends on
+    it.
     """
 
     def __init__(
@@ -149,42 +148,42 @@ class Decision:
         places = [atoms[i] for i in states]
         grids = [(exact(low), exact(high)) for low, high in model.extents]
         boxes = dict(zip(atoms, grids, strict=True))
-        read = inputs_of(terms, [truth])
+        read = input_atoms(terms, [truth])
         free = sorted(i for i in read if terms.atoms[i].kind == "box")
         self.ranges = [(terms.atoms[i].low, terms.atoms[i].high) for i in free]
         self.reads = tuple(a in read for a in places)
         self._written = compile_truths(terms, [*places, *free], [truth], boxes)
 
     def bits_on_box(self, box: list[tuple[arb, arb]]) -> int:
-        """Its bits on a box: it may fail, it may hold."""
+        """The bits of the proposition on a box: 1 if it may fail, 2 if it may hold."""
         bits: int = self._written(form_of_box(box, symbols=False))[0]
         return bits
 
     def bits_on_block(self, grid: Grid, block: Block) -> int:
-        """Its bits on a block of cells, with all that lies beyond axes without ends."""
-        boxes = grid.whole_boxes(block, self.reads)
+        """The bits of the proposition on a block of cells, with states beyond axes without ends."""
+        boxes = grid.boxes_covering(block, self.reads)
         return reduce(or_, (self.bits_on_box([*box, *self.ranges]) for box in boxes))
 
     def holds_on_box(self, box: list[tuple[arb, arb]], splits: int) -> bool:
-        """Whether it certainly does on a box of states; it and the errors are halved so often."""
+        """Whether it certainly holds; box and errors are halved up to `splits` times for that."""
         return holds_in_parts(
             [*box, *self.ranges], lambda part: self.bits_on_box(part) == HOLDS, splits
         )
 
     def holds_on_block(self, grid: Grid, block: Block, splits: int) -> bool:
-        """Whether it certainly holds on a block, with all that lies beyond axes without ends."""
-        return all(self.holds_on_box(box, splits) for box in grid.whole_boxes(block, self.reads))
+        """Whether the proposition certainly holds on a block, and beyond axes without ends."""
+        return all(self.holds_on_box(box, splits) for box in grid.boxes_covering(block, self.reads))
 
 
-def decided_cells(decision: Decision, grid: Grid) -> Cells:
-    """The cells on which a decision certainly holds."""
+def cells_where_certain(decision: Decision, grid: Grid) -> Cells:
+    """The cells on which the proposition certainly holds."""
     members = np.zeros(grid.shape, dtype=np.bool_)
-    waiting = [grid.whole]
+    waiting = [grid.all_cells]
     while waiting:
         block = waiting.pop()
         bits = decision.bits_on_block(grid, block)
-        if bits == NEITHER and volume(block) > 1:
-            waiting.extend(halves(block))
+        if bits == NEITHER and cell_count(block) > 1:
+            waiting.extend(halves_of_block(block))
         elif bits == HOLDS or (
             bits == NEITHER and decision.holds_on_block(grid, block, SPLITS_OF_SETS)
         ):
@@ -193,9 +192,9 @@ def decided_cells(decision: Decision, grid: Grid) -> Cells:
 
 
 class AdmitCheck:
-    """Asks whether `safe` fails or `expr` is, on every estimate, not `admits`: AC has no control.
+    """Prepares the proposition that AC gets no control: `safe` fails, or no estimate is `admits`.
 
-    With `anywhere` (as of `enters`) it does not help that `safe` may fail.
+    With `anywhere`, as for `enters`, it does not help that `safe` may fail.
     """
 
     def __init__(
@@ -225,14 +224,14 @@ class AdmitCheck:
 def cells_wrongly_admitted(
     check: AdmitCheck, free: NDArray[np.bool_], block: Block
 ) -> Iterator[Block]:
-    """Cells outside R where `safe` may hold and, on an estimate, the predicate gives AC control.
+    """Cells outside of R where `safe` may hold and the predicate gives AC control on some estimate.
 
     `free`: shaped as the grid.
     """
     grid = check.group.grid
 
     def attempt(at: Block) -> bool:
-        splits = SPLITS_OF_PREDICATES if volume(at) == 1 else 0
+        splits = SPLITS_OF_PREDICATES if cell_count(at) == 1 else 0
         return check.decision.holds_on_block(grid, at, splits)
 
-    return cells_uncovered(~free, block, attempt, volume(grid.whole))
+    return cells_uncovered(~free, block, attempt, cell_count(grid.all_cells))

@@ -41,22 +41,22 @@ class Grid:
         return tuple(len(e) - 1 for e in self.edges)
 
     @property
-    def whole(self) -> Block:
-        """The block of every cell."""
+    def all_cells(self) -> Block:
+        """The block of all cells of the grid."""
         return tuple((0, n) for n in self.shape)
 
-    def cells(self, box: Sequence[float], offset: int = 0) -> Block | None:
-        """The cells that cover a box low, high, low, high, ...; None where it leaves the grid."""
+    def cells_around(self, box: Sequence[float], offset: int = 0) -> Block | None:
+        """The cells that cover a box (low, high, low, ...); None where it leaves the grid."""
         ranges = []
         for k in range(len(self.edges)):
-            found = self.cells_of_axis(k, box[offset + 2 * k], box[offset + 2 * k + 1])
+            found = self.cells_around_interval(k, box[offset + 2 * k], box[offset + 2 * k + 1])
             if found is None:
                 return None
             ranges.append(found)
         return tuple(ranges)
 
-    def cells_of_axis(self, axis: int, low: float, high: float) -> tuple[int, int] | None:
-        """The cells of one axis that cover an interval; None where it leaves the axis."""
+    def cells_around_interval(self, axis: int, low: float, high: float) -> tuple[int, int] | None:
+        """(first, last + 1) of the cells that cover an interval; None if it leaves the axis."""
         edges = self.edges[axis]
         if not (low >= edges[0] and high <= edges[-1]):
             return None
@@ -68,35 +68,35 @@ class Grid:
         pairs = zip(self.edges, block, strict=True)
         return [(exact(edges[low]), exact(edges[high])) for edges, (low, high) in pairs]
 
-    def text(self, block: Block) -> str:
-        """A block of cells in words, for people."""
+    def block_in_words(self, block: Block) -> str:
+        """The intervals of a block of cells, in words for people."""
         parts = zip(self.edges, block, strict=True)
         return " x ".join(f"[{e[low]:.6g}, {e[high]:.6g}]" for e, (low, high) in parts)
 
     # ------------------------------------------------------------ beyond ends, where axes have none
 
-    def counted_on(self, table: NDArray[Any]) -> NDArray[Any]:
-        """A table of the grid's shape, once more behind itself along axes that wrap around."""
+    def table_continued(self, table: NDArray[Any]) -> NDArray[Any]:
+        """A table of the grid's shape; along axes that wrap around it is followed by itself."""
         return table
 
-    def followed_beyond(self, start: Sequence[tuple[arb, arb]], boxes: Sequence[float]) -> bool:
-        """Whether what is enclosed from a box holds of all runs from the cells that it is part of.
+    def holds_beyond_ends(self, start: Sequence[tuple[arb, arb]], boxes: Sequence[float]) -> bool:
+        """Whether what is enclosed from a box holds of all runs from the cells around that box.
 
-        `boxes`: where runs from `start` are, one after the other.
+        `boxes`: where runs from `start` are, as low, high, ... of one box after the other.
         """
         del start, boxes
         return True
 
-    def whole_boxes(self, block: Block, reads: Sequence[bool]) -> list[list[tuple[arb, arb]]]:
-        """Boxes that cover a block and all that its cells hold besides.
+    def boxes_covering(self, block: Block, reads: Sequence[bool]) -> list[list[tuple[arb, arb]]]:
+        """Boxes that cover all states of a block; here its own box.
 
-        `reads`: of each axis whether what is asked depends on its state.
+        `reads`: for each axis whether the question depends on its state.
         """
         del reads
         return [self.box(block)]
 
-    def brought_in(self, axis: int, low: float, high: float) -> tuple[float, float]:
-        """An interval of starts, moved onto the axis: what is shown of one holds of the other."""
+    def move_onto_axis(self, axis: int, low: float, high: float) -> tuple[float, float]:
+        """An interval of starts, moved onto an axis that wraps around; otherwise unchanged."""
         del axis
         return low, high
 
@@ -118,7 +118,7 @@ class Cells:
         self.grid = grid
         self.members = members
         self.size = int(np.count_nonzero(members))
-        sums = grid.counted_on(members).astype(np.int64)
+        sums = grid.table_continued(members).astype(np.int64)
         for axis in range(sums.ndim):
             sums = np.cumsum(sums, axis=axis)
         padded = np.zeros([n + 1 for n in sums.shape], dtype=np.int64)
@@ -128,8 +128,8 @@ class Cells:
         self._sums = memoryview(padded.reshape(-1).data)
         self._strides = [int(s) // 8 for s in padded.strides]
 
-    def count(self, block: Block) -> int:
-        """Members in a block."""
+    def members_in(self, block: Block) -> int:
+        """The number of members in a block."""
         sums, strides = self._sums, self._strides
         total = 0
         for corner in product((0, 1), repeat=len(block)):
@@ -142,16 +142,16 @@ class Cells:
 
     def contains(self, box: Sequence[float], offset: int = 0) -> bool:
         """Whether a box lies in the union of the cells."""
-        block = self.grid.cells(box, offset)
-        return block is not None and self.count(block) == volume(block)
+        block = self.grid.cells_around(box, offset)
+        return block is not None and self.members_in(block) == cell_count(block)
 
     def contains_all(self, boxes: Sequence[float]) -> bool:
-        """Whether several boxes, one after the other, all lie in the union of the cells."""
+        """Whether all boxes of a list (low, high, low, ...) lie in the union of the cells."""
         width = 2 * len(self.grid.edges)
         return all(self.contains(boxes, k) for k in range(0, len(boxes), width))
 
 
-def volume(block: Block) -> int:
+def cell_count(block: Block) -> int:
     """The number of cells of a block."""
     count = 1
     for low, high in block:
@@ -159,8 +159,8 @@ def volume(block: Block) -> int:
     return count
 
 
-def halves(block: Block) -> tuple[Block, Block]:
-    """A block cut across its longest axis."""
+def halves_of_block(block: Block) -> tuple[Block, Block]:
+    """The two halves of a block, cut across its longest axis."""
     axis = max(range(len(block)), key=lambda i: block[i][1] - block[i][0])
     low, high = block[axis]
     middle = (low + high) // 2
@@ -174,11 +174,11 @@ def cut_block(block: Block, count: int) -> list[Block]:
     """A block cut into about `count` blocks."""
     blocks = [block]
     while len(blocks) < count:
-        largest = max(blocks, key=volume)
-        if volume(largest) == 1:
+        largest = max(blocks, key=cell_count)
+        if cell_count(largest) == 1:
             break
         blocks.remove(largest)
-        blocks.extend(halves(largest))
+        blocks.extend(halves_of_block(largest))
     return blocks
 
 
@@ -190,8 +190,8 @@ def cells_unshown(
 ) -> Iterator[Block]:
     """Cells of `todo`, a set of the grid's shape, in the block that no attempt showed.
 
-    `attempt` is made on blocks of at most `largest` cells, with those of them that are wanted; it
-    gives back which of these it showed. Where it did not show all, smaller blocks follow.
+    `attempt` gets a block of at most `largest` cells, and which of them are wanted; it gives back
+    which of these it showed. Where it did not show all, it gets smaller blocks.
     """
     left = todo[block_index(block)].copy()
     base = tuple(low for low, _ in block)
@@ -203,7 +203,7 @@ def cells_unshown(
             continue
         at = smallest_block(wanted, at)
         wanted = left[block_index(at, base)]
-        size = volume(at)
+        size = cell_count(at)
         if size <= limit:
             wanted &= ~attempt(at, wanted)
             limit = max(size // 4, 1)
@@ -212,29 +212,27 @@ def cells_unshown(
         if size == 1:
             yield at
         else:
-            waiting.extend((half, limit) for half in halves(at))
+            waiting.extend((half, limit) for half in halves_of_block(at))
 
 
 def cells_uncovered(
     todo: NDArray[np.bool_], block: Block, attempt: Callable[[Block], bool], largest: int
 ) -> Iterator[Block]:
-    """As `cells_unshown`, for an attempt on a block of which every cell is in `todo`.
+    """Does what `cells_unshown` does, where an attempt shows a block of wanted cells, or nothing.
 
-    What holds of the block holds of its cells.
-
-    `todo`: shaped as the grid.
+    `todo`: shaped as the grid. What holds of the block holds of each of its cells.
     """
 
-    def whole(at: Block, wanted: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def attempt_on_full_block(at: Block, wanted: NDArray[np.bool_]) -> NDArray[np.bool_]:
         return wanted if wanted.all() and attempt(at) else np.zeros_like(wanted)
 
-    return cells_unshown(todo, block, whole, largest)
+    return cells_unshown(todo, block, attempt_on_full_block, largest)
 
 
 def holds_in_parts(
     box: list[tuple[arb, arb]], attempt: Callable[[list[tuple[arb, arb]]], bool], splits: int
 ) -> bool:
-    """Whether the attempt works on all parts of a box, halving where it does not."""
+    """Whether `attempt` holds of a box, or of all its parts where it is halved `splits` times."""
     if attempt(box):
         return True
     if splits == 0:
@@ -249,13 +247,13 @@ def holds_in_parts(
 
 
 def block_index(block: Block, base: Sequence[int] | None = None) -> tuple[slice, ...]:
-    """A block as an index, of a part of the table that begins at `base`."""
+    """The block as an index into the part of a table that begins at `base`."""
     starts = base or [0] * len(block)
     return tuple(slice(low - b, high - b) for (low, high), b in zip(block, starts, strict=True))
 
 
 def smallest_block(wanted: NDArray[np.bool_], block: Block) -> Block:
-    """The smallest block around the cells that are wanted, of the shape of `block`."""
+    """The smallest block around the wanted cells; `wanted` has the shape of `block`."""
     ranges = []
     for axis, (low, _) in enumerate(block):
         others = tuple(k for k in range(wanted.ndim) if k != axis)

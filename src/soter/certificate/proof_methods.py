@@ -1,9 +1,9 @@
 """What claims the parts of a group rest on, and the methods that prove whole modules.
 
-Purpose: `RESTS`: the claims that the parts of a group of a manifest rest on. `unclaimed` says which
-parts no claim rests on, for the prover, which leaves them out, and for `refuse_unclaimed`.
-`MODULES`: by the key in a module's entry, what checks a module as a whole. A method is imported
-where a certificate uses it.
+Purpose: `RESTS`: the claims that the parts of a group of a manifest rest on. `parts_without_claim`
+says which parts no claim rests on, for the prover, which leaves them out, and for
+`refuse_parts_without_claim`. `MODULES`: by the key in a module's entry, what checks a module as a
+whole. A method is imported where a certificate uses it.
 Non-goals: reading and checking a group (`grid/grid_group.py`).
 """
 
@@ -25,8 +25,14 @@ if TYPE_CHECKING:
     from soter.language.model.system import System
 
 
+RESTS = {"R": FREE, "Q": RETURN, "Q_axes": RETURN, "W": RETURN, "W_N": RETURN}
+"""Name of a part of a group -> the claims that rest on it."""
+OF_LEVELS = "S"
+"""The part that is only there where predicates are computed, so that levels are deployed."""
+
+
 class ModuleMethod(NamedTuple):
-    """The functions that check the entry of a module that is proved as a whole."""
+    """The two functions of a method that proves a module as a whole."""
 
     check: Callable[[System, dict[str, Any]], tuple[Covered, RecheckedModule]]
     """RejectedError, NotRecheckedError where the entry is not confirmed."""
@@ -34,15 +40,15 @@ class ModuleMethod(NamedTuple):
     """Reads the entry and shows nothing; raises the same where not all of it is understood."""
 
 
-def group_on_cells() -> type[GridGroup]:
-    """Imports what reads and checks a group of states."""
+def import_grid_group() -> type[GridGroup]:
+    """Imports the class that reads and checks a group of states on a grid."""
     from soter.certificate.grid.grid_group import GridGroup  # noqa: PLC0415 - see the head
 
     return GridGroup
 
 
-def _inductions() -> ModuleMethod:
-    """What checks inductions; NotRecheckedError where the solver is not installed."""
+def _import_induction_method() -> ModuleMethod:
+    """Imports the check of inductions; NotRecheckedError where the solver is not installed."""
     if find_spec("z3") is None:
         text = "inductions are checked with `z3-solver`, which is not installed"
         raise NotRecheckedError(f"{text}: {pip_install('prove')}")
@@ -51,46 +57,42 @@ def _inductions() -> ModuleMethod:
     return ModuleMethod(check_claims.recheck_induction, check_claims.read_entry)
 
 
-def jump_by_solver() -> Callable[..., tuple[str, str]]:
-    """What shows by the solver in which steps a node changes a view (`induction/`)."""
+def import_jump_check() -> Callable[..., tuple[str, str]]:
+    """Imports the function that shows by the solver in which steps a node changes a view."""
     from soter.certificate.induction import handover_jumps  # noqa: PLC0415 - see the head
 
-    return handover_jumps.why_not_shown
+    return handover_jumps.why_jumps_not_shown
 
 
-def _rest() -> ModuleMethod:
+def _import_rest_method() -> ModuleMethod:
     from soter.certificate.tubes import check_rest  # noqa: PLC0415 - see the head
 
     return ModuleMethod(check_rest.recheck_rest, check_rest.read_entry)
 
 
-def _plans() -> ModuleMethod:
+def _import_plans_method() -> ModuleMethod:
     from soter.certificate.tubes import check_rest  # noqa: PLC0415 - see the head
 
     return ModuleMethod(check_rest.recheck_plans, check_rest.read_plans)
 
 
-RESTS = {"R": FREE, "Q": RETURN, "Q_axes": RETURN, "W": RETURN, "W_N": RETURN}
-"""Name of a part of a group -> the claims that rest on it."""
-OF_LEVELS = "S"
-"""The part that is only there where predicates are computed, so that levels are deployed."""
 MODULES: dict[str, Callable[[], ModuleMethod]] = {
-    "induction": _inductions,
-    "rest": _rest,
-    "plans": _plans,
+    "induction": _import_induction_method,
+    "rest": _import_rest_method,
+    "plans": _import_plans_method,
 }
 
 
-def unclaimed(group: Mapping[str, Any], claims: set[str], *, computed: bool) -> list[str]:
-    """The parts of a group on which none of these claims rests; `computed`: predicates are."""
+def parts_without_claim(group: Mapping[str, Any], claims: set[str], *, computed: bool) -> list[str]:
+    """The parts of a group on which none of these claims rests; `computed`: the predicates are."""
     if group.get("kind") != "grid":
         return []
     parts = [n for n in group if n in RESTS and not RESTS[n] & claims]
     return [*parts, *[OF_LEVELS] * (OF_LEVELS in group and not computed)]
 
 
-def refuse_unclaimed(groups: Sequence[Any], claims: set[str], *, computed: bool) -> None:
+def refuse_parts_without_claim(groups: Sequence[Any], claims: set[str], *, computed: bool) -> None:
     """`RejectedError` for a part of a group of a manifest on which none of these claims rests."""
     for group in groups:
-        for name in unclaimed(group, claims, computed=computed):
+        for name in parts_without_claim(group, claims, computed=computed):
             raise RejectedError(f"no claim rests on `{name}` of a group")

@@ -32,24 +32,28 @@ from soter.certificate.case_check import (
 )
 from soter.certificate.cell_sets import Axes, Grid
 from soter.certificate.extras import extras
-from soter.certificate.proof_methods import MODULES, group_on_cells, refuse_unclaimed
+from soter.certificate.proof_methods import (
+    MODULES,
+    import_grid_group,
+    refuse_parts_without_claim,
+)
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.folder import (
     MANIFEST_KEYS,
     OF_SETS,
     Certificate,
     NotACertificateError,
-    hexadecimal,
-    program_of,
+    number_from_hexadecimal,
     read_certificate,
+    read_program,
     refuse_cells,
     require_keys,
-    stated_in,
+    stated_assumptions,
 )
 from soter.certificate.reading.module_facts import Facts, Input
 from soter.certificate.reading.module_times import compare_times
 from soter.certificate.reading.problem import read_facts
-from soter.certificate.reading.supported_constructs import check_supported
+from soter.certificate.reading.supported_constructs import require_supported
 from soter.certificate.report import (
     ACCEPTED,
     NOT_RECHECKED,
@@ -64,7 +68,7 @@ from soter.certificate.scope import (
     confirmed_facts,
     open_questions,
     other_values_in_program,
-    parameters_of,
+    param_values,
 )
 from soter.certificate.vacuous_proofs import why_vacuous
 from soter.diagnostics.current_phase import between, phase
@@ -100,7 +104,7 @@ def recheck(folder: Path, workers: int | None = None) -> Report:
         certificate = read_certificate(folder)
         report.seal = certificate.seal
         _check_certificate(certificate, report, workers or os.cpu_count() or 1)
-        _conclude(report)
+        _set_verdict(report)
     except NotACertificateError:
         raise
     except RejectedError as error:
@@ -110,20 +114,20 @@ def recheck(folder: Path, workers: int | None = None) -> Report:
             raise  # nothing is known of the certificate
         report.verdict, report.reason = REJECTED, f"the program of the certificate: {error}"
     except Exception as error:  # noqa: BLE001 - whatever it is, nothing is accepted
-        report.reason = failure_reason(error)
+        report.reason = reason_in_words(error)
     report.reason = visible(report.reason)
     report.seconds = time.perf_counter() - started
     return report
 
 
-def _conclude(report: Report) -> None:
-    """Set the verdict, where nothing was found to be false, by what was found of the modules."""
+def _set_verdict(report: Report) -> None:
+    """Sets the verdict of a certificate in which nothing was found to be false, by its modules."""
     left = [f"{m.name}: {m.not_rechecked}" for m in report.modules if m.not_rechecked]
     report.verdict, report.reason = (NOT_RECHECKED if left else ACCEPTED), "; ".join(left)
 
 
-def failure_reason(error: Exception) -> str:
-    """The reason why something was not re-checked, in words, from what was raised."""
+def reason_in_words(error: Exception) -> str:
+    """Says in words why something was not re-checked, from the error that was raised."""
     if isinstance(error, NotRecheckedError):
         return str(error)
     if isinstance(error, StepFault):
@@ -139,12 +143,12 @@ def failure_reason(error: Exception) -> str:
 def _check_certificate(certificate: Certificate, report: Report, workers: int) -> None:
     manifest = certificate.manifest
     require_keys(manifest, MANIFEST_KEYS, "the manifest", "assumptions")
-    report.stated = stated_in(manifest)
+    report.stated = stated_assumptions(manifest)
     report.program = visible(str(manifest["main"]))
     modules = manifest["modules"]
     if not isinstance(modules, list) or not modules:
         raise RejectedError("the manifest has no modules")
-    checked, overrides = program_of(certificate)
+    checked, overrides = read_program(certificate)
     assert checked.program is not None
     report.program_sha256 = checked.program.sha256
     covered: list[Covered] = []
@@ -160,7 +164,7 @@ def _check_certificate(certificate: Certificate, report: Report, workers: int) -
             name, system = f"{entry.get('module')}{view}", str(entry.get("system"))
             if any((m.system, m.name) == (system, name) for m in report.modules):
                 raise RejectedError(f"module `{name}` stands there twice") from None
-            module = RecheckedModule(name, {}, system=system, not_rechecked=failure_reason(error))
+            module = RecheckedModule(name, {}, system=system, not_rechecked=reason_in_words(error))
         if all((m.system, m.name) != (module.system, module.name) for m in report.modules):
             report.modules.append(module)
     report.not_covered = open_questions(checked, overrides, covered)
@@ -168,7 +172,7 @@ def _check_certificate(certificate: Certificate, report: Report, workers: int) -
         return  # some tables were not read, and some views not looked at
     for facts in covered:
         _require_all_views(facts, covered)
-    for name in certificate.unused:
+    for name in certificate.unused_tables:
         raise RejectedError(f"no claim rests on `{name}`")
 
 
@@ -180,7 +184,7 @@ def _check_entry(
     entry: dict[str, Any],
     workers: int,
 ) -> RecheckedModule:
-    """Check one module's entry, and add its facts to `covered`."""
+    """Checks the entry of one module, and appends what was read of the program to `covered`."""
     facts: Covered
     whole = [of for key, of in MODULES.items() if isinstance(entry, dict) and key in entry]
     if whole:
@@ -191,35 +195,35 @@ def _check_entry(
         require_keys(entry, MODULE_KEYS, "a module", "levels tables view law wraps")
         with _rejecting_malformed("a module"):
             facts = read_problem(_system_of_entry(checked, overrides, entry), entry)
-    if any(_proved_as(f) == _proved_as(facts) for f in covered):
+    if any(_module_key(f) == _module_key(facts) for f in covered):
         raise RejectedError(f"module `{facts.flying_module.name}` stands there twice")
     covered.append(facts)
     if not whole:
         assert isinstance(facts, Facts)
         report = _check_module(certificate, facts, entry, workers)
-    report.parameters = parameters_of(facts.flying)
+    report.parameters = param_values(facts.flying)
     report.otherwise, report.contradicted = other_values_in_program(checked, facts.flying)
     return report
 
 
-def _proved_as(facts: Covered) -> tuple[str, str, str]:
+def _module_key(facts: Covered) -> tuple[str, str, str]:
     view = facts.view if isinstance(facts, Facts) else ""
     return facts.flying.name, facts.flying_module.name, view
 
 
 def _require_all_views(facts: Covered, covered: list[Covered]) -> None:
-    """RejectedError where a module is proved in some of its views, but not in all."""
+    """RejectedError where a module is proved in some of its views, but not in all of them."""
     if isinstance(facts, Facts) and facts.view:
-        own = _proved_as(facts)[:2]
-        same = [f for f in covered if isinstance(f, Facts) and _proved_as(f)[:2] == own]
+        key = _module_key(facts)[:2]
+        views = [f for f in covered if isinstance(f, Facts) and _module_key(f)[:2] == key]
         assert facts.whole is not None
-        if why := extras.views.why_views_leave_out(facts.whole, [f.view for f in same]):
+        if why := extras.views.why_views_leave_out(facts.whole, [f.view for f in views]):
             raise RejectedError(why)
 
 
 @contextmanager
 def _rejecting_malformed(part: str) -> Iterator[None]:
-    """In this block a value of the wrong kind in the manifest becomes a RejectedError."""
+    """Turns errors that a value of the wrong kind in the manifest causes into a RejectedError."""
     try:
         yield
     except (KeyError, TypeError, AttributeError, IndexError) as error:
@@ -238,21 +242,21 @@ def _system_of_entry(
 
 
 def read_problem(flat: System, entry: dict[str, Any]) -> Facts:
-    """The problem of the module of an entry in a system, all of which is understood.
+    """Reads the problem of the module that an entry names, and checks that we understand all of it.
 
-    RejectedError where there is none, NotRecheckedError where it is not understood.
+    RejectedError where there is no such module, NotRecheckedError where we do not understand it.
     """
     facts = read_facts(flat, entry["module"], str(entry.get("view", "")))
     _read_levels(facts, entry.get("levels", facts.levels))
-    check_supported(facts)
+    require_supported(facts)
     setting = facts.setting
-    if setting.first_available(0, setting.by_sc) != setting.sc.phase:
+    if setting.first_with_state(0, setting.by_sc) != setting.sc.phase:
         extras.sc_locals_and_modes.check_start_answers(facts)  # else every read of SC shows a state
     return facts
 
 
 def _read_levels(facts: Facts, levels: object) -> None:
-    """Enter the manifest's number of levels; RejectedError where the program has another one."""
+    """Enters the manifest's number of levels; RejectedError where the program has another one."""
     if not isinstance(levels, int) or isinstance(levels, bool) or levels < LEVELS_MIN:
         raise RejectedError("`levels` is not as it should be")
     if levels != facts.levels and (facts.symbol.verify.levels is not None or not facts.computed):
@@ -262,15 +266,15 @@ def _read_levels(facts: Facts, levels: object) -> None:
 
 @dataclass(eq=False)
 class Claimed:
-    """The claims of a module's entry, and `groups` for each combination of parameter values."""
+    """The claims of a module's entry, the groups of each case, and the module's fail-safe law."""
 
     claims: set[str]
     groups: list[list[GridGroup]]
     law: FailsafeLaw | None
 
 
-def read_claimed(certificate: Certificate, facts: Facts, entry: dict[str, Any]) -> Claimed:
-    """The claims and figures of an entry, compared with the program.
+def read_claims(certificate: Certificate, facts: Facts, entry: dict[str, Any]) -> Claimed:
+    """Reads the claims, figures and groups of an entry, and compares them with the program.
 
     RejectedError where they differ, NotRecheckedError where there are too many cases.
     """
@@ -284,12 +288,12 @@ def read_claimed(certificate: Certificate, facts: Facts, entry: dict[str, Any]) 
     if parameters != [*map(list, facts.cases())]:
         raise RejectedError("the cases are not all combinations of the parameters' values")
 
-    def read(case: dict[str, Any], claims: set[str], *, computed: bool) -> list[GridGroup]:
+    def read(case: dict[str, Any], claimed: set[str], *, computed: bool) -> list[GridGroup]:
         require_keys(case, "parameter groups", "a case")
-        if not (case["groups"] or claims & OF_SETS):
+        if not (case["groups"] or claimed & OF_SETS):
             raise NotRecheckedError("no sets were found: P2a, P3 and the start were not proved")
         with _rejecting_malformed("a group"):
-            refuse_unclaimed(case["groups"], claims, computed=computed)
+            refuse_parts_without_claim(case["groups"], claimed, computed=computed)
             return read_groups(certificate, facts, case["groups"])
 
     groups = [read(case, claims, computed=facts.computed) for case in entry["cases"]]
@@ -306,7 +310,7 @@ def read_claimed(certificate: Certificate, facts: Facts, entry: dict[str, Any]) 
     if "law" in entry:
         with _rejecting_malformed("a law"):
             law = extras.failsafe_law.read_law(
-                facts, entry, claims, partial(read, claims={"P2a"}, computed=False)
+                facts, entry, claims, partial(read, claimed={"P2a"}, computed=False)
             )
     return Claimed(claims, groups, law)
 
@@ -314,22 +318,22 @@ def read_claimed(certificate: Certificate, facts: Facts, entry: dict[str, Any]) 
 def _check_module(
     certificate: Certificate, facts: Facts, entry: dict[str, Any], workers: int
 ) -> RecheckedModule:
-    """Show every claim of a module, and make the report of what that is about."""
-    claimed = read_claimed(certificate, facts, entry)
+    """Shows every claim of a module, and makes its part of the report."""
+    claimed = read_claims(certificate, facts, entry)
     groups, name = claimed.groups, f"{entry['module']}{f' as {facts.view}' * bool(facts.view)}"
-    asked = partial(_check_cases, facts, claimed, entry, workers)
+    check_cases = partial(_check_cases, facts, claimed, entry, workers)
     try:  # where there is a choice, with reads that are older than any
-        asked()
+        check_cases()
     except (RejectedError, NotRecheckedError):
         if facts.times["d_ns"] == facts.own.delay:
             raise
         facts.times["d_ns"] = facts.own.delay  # older ones may be too much for our bounds
         phase(f"{name}: again, with reads as old as there are", anew=True)
-        asked()
+        check_cases()
     report = RecheckedModule(name, dict(entry["claims"]), system=entry["system"])
     report.confirmed = [c for c in CLAIMS if c in claimed.claims]
-    jumps = extras.handovers.jumps_of(facts, groups, claimed.claims) if facts.view else {}
-    report.assumptions, report.shown = assumptions_of(facts, jumps), confirmed_facts(facts, jumps)
+    jumps = extras.handovers.jumps_by_plant(facts, groups, claimed.claims) if facts.view else {}
+    report.assumptions, report.shown = (assumptions_of(facts, jumps), confirmed_facts(facts, jumps))
     report.stays = bool(facts.symbol.stays)
     report.safe = " ".join(facts.symbol.safe.span.text.split())
     report.vacuous, report.unseen = why_vacuous(facts, groups)
@@ -340,27 +344,27 @@ def _check_module(
 
 
 def _check_cases(facts: Facts, claimed: Claimed, entry: dict[str, Any], workers: int) -> None:
-    """Show every claim for every combination of parameter values; and that the law keeps K_fs."""
+    """Shows every claim for each combination of parameter values, and that the law keeps K_fs."""
     cases = list(facts.cases())
-    for k, (values, own) in enumerate(zip(cases, claimed.groups, strict=True)):
+    for k, (values, groups) in enumerate(zip(cases, claimed.groups, strict=True)):
         model = CaseModel(
             facts,
             values,
-            narrowed_extents(facts.extents, [g.tables for g in own]),
+            narrowed_extents(facts.extents, [g.tables for g in groups]),
         )
         if facts.left_out:
-            extras.left_out_states.refuse_read(model)
+            extras.left_out_states.refuse_reads_of_left_out_states(model)
         if facts.turning:
             extras.left_out_states.refuse_turns_read(model)
-        case = CaseCheck(model, own, claimed.claims, entry, workers)
+        case = CaseCheck(model, groups, claimed.claims, entry, workers)
         if claimed.law is not None:
             case.lawful = extras.failsafe_law.check_law(claimed.law, k, case)
         with between(k / len(cases), (k + 1) / len(cases)):
-            case.check()
+            case.show_claims()
 
 
 def compare_figures(facts: Facts, entry: dict[str, Any]) -> None:
-    """Compare each figure of the manifest with the program, or RejectedError; enter the extents."""
+    """Enters the ranges of the states; RejectedError where a figure of the manifest differs."""
     parameters = [{"name": p.name, "values": list(p.values)} for p in facts.parameters]
     if entry["plants"] != [c.name for c in facts.plants]:
         raise RejectedError("the verification plants are others in the program")
@@ -372,7 +376,7 @@ def compare_figures(facts: Facts, entry: dict[str, Any]) -> None:
     others = [*facts.controls, *facts.disturbances, *facts.errors, *facts.others]
     if len(inputs) < len(facts.states) + len(others):
         names = [entry_input["name"] for entry_input in inputs if entry_input["kind"] == "state"]
-        extras.left_out_states.leave_out(
+        extras.left_out_states.leave_out_states(
             facts, [s.name for s in facts.states if s.name not in names]
         )
     if len(inputs) != len(facts.states) + len(others):
@@ -385,12 +389,12 @@ def compare_figures(facts: Facts, entry: dict[str, Any]) -> None:
 def _state_extents(
     facts: Facts, pairs: Iterable[tuple[Any, Input]]
 ) -> Iterator[tuple[float, float]]:
-    """The ranges of the states by the manifest; RejectedError where another range differs."""
+    """The range of each state as the manifest gives it; RejectedError where an input's differs."""
     for i, (entry, known) in enumerate(pairs):
         require_keys(entry, "name kind low high", "an input")
         if (entry["name"], entry["kind"]) != (known.name, known.kind):
             raise RejectedError(f"input {entry['name']} is {known.name} by the program")
-        low, high = (hexadecimal(entry[k], known.name) for k in ("low", "high"))
+        low, high = (number_from_hexadecimal(entry[k], known.name) for k in ("low", "high"))
         if i < len(facts.states):
             if facts.axes.get(i, (low, high)) != (low, high):
                 raise RejectedError(f"the grid of {known.name} is another one in the program")
@@ -402,16 +406,13 @@ def _state_extents(
 def read_groups(
     certificate: Certificate, facts: Facts, entries: list[dict[str, Any]]
 ) -> list[GridGroup]:
-    """The groups of a case.
-
-    RejectedError where they do not fit the program, NotRecheckedError of another kind.
-    """
+    """Reads the groups of a case; RejectedError for wrong ones, NotRecheckedError for others."""
     names = {s.name: i for i, s in enumerate(facts.states)}
     groups: list[GridGroup] = []
     for entry in entries:
         if entry.get("kind") != "grid":
             raise NotRecheckedError(f"`{entry.get('kind')}` groups are not rechecked yet")
-        method = group_on_cells()
+        method = import_grid_group()
         require_keys(entry, " ".join(method.required), "a group", " ".join(method.optional))
         states, edges = [], []
         for axis in entry["axes"]:
@@ -419,7 +420,7 @@ def read_groups(
             if axis["state"] not in names:
                 raise RejectedError(f"there is no state `{axis['state']}`")
             states.append(names[axis["state"]])
-            edges.append(certificate.edges(axis["edges"]))
+            edges.append(certificate.breakpoints(axis["edges"]))
             if (edges[-1][0], edges[-1][-1]) != facts.extents[states[-1]]:
                 raise RejectedError(f"the edges of {axis['state']} do not span its range")
         grid = Grid(tuple(edges))

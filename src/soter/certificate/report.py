@@ -25,26 +25,30 @@ ACCEPTED, REJECTED, NOT_RECHECKED = VERDICTS = "accepted", "rejected", "not re-c
 """All that is claimed holds; something is false; nothing is known to be, but not all is shown."""
 FOLLOWED = "its decision module follows SC in flight (`rest`), and its entry does not say so"
 """Why a module with `rest` is not re-checked as others are."""
-
-
-class RejectedError(Exception):
-    """A statement of the certificate is false, or does not show what it is there to show."""
-
-
-class NotRecheckedError(Exception):
-    """The certificate may be right, but needs something that the re-checker does not know or do."""
-
-
 Kind = Literal["contradicted", "not confirmed"]
 CONTRADICTED: Kind = "contradicted"
 """The log contradicts itself, or the program."""
 UNCONFIRMED: Kind = "not confirmed"
 """It is not certain that the estimate is good; it may be."""
+GETS = "AC never has control"
+KEEPS = "AC never keeps control"
+SAFETY = ("P1a", "P1b", "P1c", "P2a", "P3", "ttf", "safer", "start")
+"""Without one of them there is no theorem (docs/proof.md); P2b is about AC's return only."""
+IN_FLIGHT = ("P3", "ttf", "safer")
+"""The claims that a DM with `rest` decides by its own check: no certificate proves them."""
+
+
+class RejectedError(Exception):
+    """A statement of the certificate is false, or its sets do not show what they should show."""
+
+
+class NotRecheckedError(Exception):
+    """The certificate may be right, but the re-checker cannot show something that it claims."""
 
 
 @dataclass(frozen=True)
 class Doubt:
-    """Why a verdict is not confirmed: when (ns), whose, and of which estimate, by `topic.leaf`."""
+    """Why a verdict is not confirmed: its time, module, and the estimate that it read."""
 
     time_ns: int
     module: str
@@ -57,10 +61,10 @@ class Doubt:
 class FlightReport:
     """One log: how many verdicts said "AC", and how many of these were confirmed.
 
-    `modules`: whose verdicts; `others` said "SC", which needs no confirmation. `to_ns`: up to where
-    the log was read; `cut`: why not to its end, "" where it was. `asked`: so many of the verdicts,
-    all but where Ctrl-C ended it (`interrupted`). `unlogged`: topics without a message in the log,
-    so that verdicts which read them are not confirmed. `seconds` of processor time.
+    `modules`: whose verdicts were read; `others`: how many said "SC", which needs no confirmation.
+    `to_ns`: the time up to which the log was read; `cut`: why not to its end, or "". `asked`: how
+    many verdicts were looked at: all, unless Ctrl-C came (`interrupted`). `unlogged`: topics
+    without a message; verdicts that read them are not confirmed. `seconds` of processor time.
     """
 
     log: str
@@ -85,16 +89,7 @@ class FlightReport:
         return NOT_RECHECKED if self.doubts or self.interrupted else ACCEPTED
 
 
-GETS = "AC never has control"
-KEEPS = "AC never keeps control"
-SAFETY = ("P1a", "P1b", "P1c", "P2a", "P3", "ttf", "safer", "start")
-"""Without one of them there is no theorem (docs/proof.md); P2b is about AC's return only."""
-
-IN_FLIGHT = ("P3", "ttf", "safer")
-"""The claims that a DM with `rest` decides by its own check: no certificate proves them."""
-
-
-def missing_of(claims: dict[str, str], confirmed: list[str]) -> list[str]:
+def missing_properties(claims: dict[str, str], confirmed: list[str]) -> list[str]:
     """The properties that safety needs and a certificate does not establish; P1c may be assumed.
 
     An assumed P1c is H >= H* with delays taken for zero: `check_static_claims` compares them.
@@ -105,7 +100,7 @@ def missing_of(claims: dict[str, str], confirmed: list[str]) -> list[str]:
 
 @dataclass(frozen=True)
 class RecheckAssumption:
-    """An assumption; `key`: its subject, the same for the same subject in every verdict."""
+    """An assumption in words. `key` names its subject, in the same way in every verdict."""
 
     key: str
     text: str
@@ -115,15 +110,13 @@ class RecheckAssumption:
 class RecheckedModule:
     """The findings on one module of a system, for these values of the parameters.
 
-    `not_rechecked`: why its claims were not checked, none of which is confirmed then; `vacuous`:
-    why that says next to nothing, as AC never has, or keeps, control; `unseen`: why that was not
-    looked at. `stays`: `recover never`; `in_flight`: its DM decides by a check of its own, of which
-    what it rests on is confirmed; `safe`: as the program writes it. `parameters`: each of the
-    program with the value that was checked; `otherwise`: those to which the program gives another
-    value in that system, with that one; `contradicted`: a `set` does. `times`: in ns, by their
-    names in a manifest, what the claims were held to; of several plans the first's, and
-    `plan_times` has those of each; `shown`: what was confirmed beside the
-    claims.
+    `not_rechecked`: why none of its claims was checked; `vacuous`: why they say next to nothing, as
+    AC never has, or keeps, control; `unseen`: why nobody looked at that. `stays`: the module has
+    `recover never`; `in_flight`: its DM decides by a check in flight, and what that rests on is
+    confirmed. `safe`: as the program writes it. `parameters`: the values that were checked;
+    `otherwise`: other values that the program gives in that system; `contradicted`: a `set` gives
+    them. `times`: in ns, by their names in a manifest, of several plans the first's; `plan_times`:
+    those of each. `shown`: what was confirmed beside the claims.
     """
 
     name: str
@@ -147,27 +140,27 @@ class RecheckedModule:
 
     @property
     def verdict(self) -> str:
-        """ACCEPTED or NOT_RECHECKED: where something is false, that is said of the whole."""
+        """ACCEPTED or NOT_RECHECKED; a false statement makes the whole certificate REJECTED."""
         return NOT_RECHECKED if self.not_rechecked else ACCEPTED
 
     @property
-    def other(self) -> list[str]:
-        """Properties that are not confirmed here, with what the certificate says."""
+    def unconfirmed_claims(self) -> list[str]:
+        """The claims that are not confirmed here, each with the verdict of the certificate."""
         return [f"{n} ({v})" for n, v in self.claims.items() if n not in self.confirmed]
 
     @property
-    def law_untold(self) -> bool:
+    def says_nothing_of_law(self) -> bool:
         """Whether the certificate says nothing of the law of `failsafe`."""
-        return "failsafe" not in (*self.confirmed, *self.other)
+        return "failsafe" not in (*self.confirmed, *self.unconfirmed_claims)
 
     @property
     def missing(self) -> list[str]:
-        """The properties that safety needs and that are not established; empty: it is safe."""
-        return missing_of(self.claims, self.confirmed)
+        """The properties that safety needs and that are not established; none: it is safe."""
+        return missing_properties(self.claims, self.confirmed)
 
     @property
     def decided(self) -> bool:
-        """Whether all is confirmed but what its DM decides in flight."""
+        """Whether everything is confirmed except what its DM decides in flight."""
         return self.in_flight and not {*self.missing} - {*IN_FLIGHT}
 
     @property
@@ -180,10 +173,10 @@ class RecheckedModule:
 class Report:
     """The verdict, one of `VERDICTS`, and why; `seconds` and cells for people.
 
-    Accepted says that what is claimed holds: whether that is safety, see `safe`. It is about
-    `program`, and the system, module and parameter values of each of `modules`; not about what
-    stands in `not_covered`. The assumptions are derived from the program; `stated`: what the
-    prover wrote about its own, of which nothing but the numbers is taken.
+    ACCEPTED says that all claims hold; whether that is safety is said by `safe`. The verdict is
+    about `program`, and the system, module and parameter values of each of `modules`, not about the
+    modules in `not_covered`. The assumptions are derived from the program; of `stated`, the
+    prover's words, only the numbers are taken.
     """
 
     verdict: str = NOT_RECHECKED
@@ -206,18 +199,18 @@ class Report:
         return self.verdict == ACCEPTED
 
     @property
-    def said(self) -> list[RecheckAssumption]:
+    def all_assumptions(self) -> list[RecheckAssumption]:
         """The assumptions of all modules, each once."""
         return list(dict.fromkeys(a for m in self.modules for a in m.assumptions))
 
     @property
     def assumptions(self) -> list[str]:
         """The assumptions of all modules in words, each once."""
-        return [a.text for a in self.said]
+        return [a.text for a in self.all_assumptions]
 
     @property
     def assumption_numbers(self) -> dict[str, str]:
-        """The number of each text: the prover's in its order, then what is derived beyond them."""
+        """The number of each assumption: the prover's in its order, then those that we add."""
         return numbered_assumptions((a.text for a in self.stated), self.assumptions)
 
     @property
@@ -227,22 +220,22 @@ class Report:
 
     @property
     def in_flight(self) -> list[str]:
-        """Modules of which all is confirmed but what their DMs decide in flight."""
+        """The modules of which everything is confirmed except what their DMs decide in flight."""
         return [m.name for m in self.modules if m.decided and m.missing]
 
     @property
     def decided(self) -> bool:
-        """Whether safety is established, or rests on what DMs decide in flight alone."""
+        """Whether safety is established, if need be with what DMs decide in flight."""
         return self.accepted and all(m.decided or not m.missing for m in self.modules)
 
     @property
     def vacuous(self) -> dict[str, str]:
-        """Modules of which what is confirmed says next to nothing, and why."""
+        """Module -> why its confirmed claims say next to nothing."""
         return {m.name: m.vacuous for m in self.modules if m.vacuous}
 
     @property
     def contradicted(self) -> bool:
-        """Whether it is about other values than a system of the program sets."""
+        """Whether a module was checked with other values than a system of the program sets."""
         return any(m.contradicted for m in self.modules)
 
     @property

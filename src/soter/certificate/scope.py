@@ -1,6 +1,6 @@
 """What a re-checked verdict is about: values and systems, and the assumptions that it rests on.
 
-Purpose: `parameters_of` names the values that were checked, `open_questions` what a reader might
+Purpose: `param_values` names the values that were checked, `open_questions` what a reader might
 think is covered: other systems, modules and values, and what nothing here looks at.
 `assumptions_of` and `confirmed_facts` derive assumptions again from the program: keys for programs,
 texts for people.
@@ -19,11 +19,11 @@ from soter.certificate.extras import extras
 from soter.certificate.reading.module_facts import (
     Facts,
     bounded_topics,
-    number_of,
+    const_value,
     topics_read,
 )
 from soter.certificate.reading.module_times import DELAYS
-from soter.certificate.reading.supported_constructs import equations, parts_of
+from soter.certificate.reading.supported_constructs import code_parts, plant_code
 from soter.certificate.report import RecheckAssumption
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import system_to_prove
@@ -45,6 +45,10 @@ if TYPE_CHECKING:
     from soter.language.model.types import Value
 
 
+WITHOUT_ERROR = ("clamp", "sign", "quat_conj")
+"""Functions of the prelude that compute what they say."""
+
+
 class Covered(Protocol):
     """The attributes that each covered module's facts have, whatever method proves the module."""
 
@@ -57,7 +61,7 @@ class Covered(Protocol):
         """The declaration of the module."""
 
 
-def parameters_of(system: System) -> dict[str, str]:
+def param_values(system: System) -> dict[str, str]:
     """Every parameter of the program with the value that it has in a system."""
     return {name: _value_text(system.program, name, value) for name, value in system.params.items()}
 
@@ -70,12 +74,12 @@ def _value_text(program: TypedProgram, name: str, value: Value) -> str:
 
 
 def other_values_in_program(checked: CheckResult, system: System) -> tuple[dict[str, str], bool]:
-    """(parameters with another value in the program alone, by name; whether a `set` gives one).
+    """(parameters to which the program gives another value, by name; whether a `set` gives one).
 
-    The values checked are those of `system`; a value that a `set` gives is no default.
+    The values that were checked are those of `system`.
     """
     try:
-        own = system_to_prove(checked, system.name, {}, exact=False)
+        own_values = system_to_prove(checked, system.name, {}, exact=False)
     except SoterError:
         return {}, False  # with its own values it is no program
     program, value_by_name, contradicted = system.program, {}, False
@@ -83,7 +87,7 @@ def other_values_in_program(checked: CheckResult, system: System) -> tuple[dict[
         param = program.param(name)
         assert param is not None
         default = getattr(param.default, "value", None)
-        flown = own.params.get(name, own.params.get(param.name))
+        flown = own_values.params.get(name, own_values.params.get(param.name))
         if repr(flown) != repr(value):
             value_by_name[name] = _value_text(program, name, flown)
             contradicted |= repr(flown) != repr(default)
@@ -95,11 +99,11 @@ def open_questions(
 ) -> list[RecheckAssumption]:
     """Assumptions about what a reader might think is covered, and is not."""
     gaps = [*_uncovered_modules(checked, overrides, covered)]
-    if values := {n: v for f in covered for n, v in parameters_of(f.flying).items()}:
+    if values := {n: v for f in covered for n, v in param_values(f.flying).items()}:
         shown = ", ".join(f"{n} = {v}" for n, v in values.items())
         gaps.append(("parameters", f"values of parameters other than {shown}"))
     for facts in covered:
-        gaps += _open_questions(facts)
+        gaps += _questions_about_module(facts)
     gaps += _plants_of_no_claim(covered)
     gaps.append(("compiled", "the code that a decision module is compiled to"))
     return [RecheckAssumption(key, text) for key, text in dict.fromkeys(gaps)]
@@ -108,7 +112,7 @@ def open_questions(
 def _uncovered_modules(
     checked: CheckResult, overrides: Mapping[str, Any], covered: Sequence[Covered]
 ) -> Said:
-    """Modules of any system of the program that the certificate is not about."""
+    """The modules, in any system of the program, about which the certificate says nothing."""
     known = {(f.flying.name, f.flying_module.name) for f in covered}
     for name in checked.systems:
         try:
@@ -123,12 +127,12 @@ def _uncovered_modules(
 
 
 def _modelled_plants_in(system: System, covered: Sequence[Covered]) -> set[str]:
-    own = (f for f in covered if f.flying is system)
-    return {name for f in own for name in _modelled_plants(f)}
+    facts_of_system = (f for f in covered if f.flying is system)
+    return {name for f in facts_of_system for name in _modelled_plants(f)}
 
 
 def _plants_of_no_claim(covered: Sequence[Covered]) -> Said:
-    """Plants that no claim is about, and that stop where a value leaves its declared set."""
+    """The plants that no claim is about; each stops where what it drives leaves a declared set."""
     for system in dict.fromkeys(f.flying for f in covered):
         modelled = _modelled_plants_in(system, covered)
         for c in system.components:
@@ -143,7 +147,7 @@ def _plants_of_no_claim(covered: Sequence[Covered]) -> Said:
 
 
 def _modelled_plants(facts: Covered) -> set[str]:
-    """Names, in the system that flies, of the plants that claims are about, abstracted or not."""
+    """The names, in the flying system, of the plants that claims are about, also if abstracted."""
     around = holder_of(facts.flying_module)
     names = {link.instance for link in facts.symbol.verify.abstracts}
     if isinstance(facts, Facts):
@@ -151,8 +155,8 @@ def _modelled_plants(facts: Covered) -> set[str]:
     return {*names, *(f"{around}.{name}" for name in names if around)}
 
 
-def _open_questions(facts: Covered) -> Said:
-    """Each question that is left open about a covered module: its key, and it in words."""
+def _questions_about_module(facts: Covered) -> Said:
+    """The questions that the claims about a module leave open, each as a key and in words."""
     name, system, symbol = facts.flying_module.name, facts.flying, facts.symbol
     for link in symbol.verify.abstracts:
         text = f"whether {link.instance} of system {system.name} conforms to {link.plant.name}"
@@ -173,37 +177,33 @@ def _open_questions(facts: Covered) -> Said:
         yield f"faults {system.name}", text
 
 
-WITHOUT_ERROR = ("clamp", "sign", "quat_conj")
-"""Functions of the prelude that compute what they say."""
-
-
 def assumptions_of(facts: Facts, jumps: Mapping[str, Any] | None = None) -> list[RecheckAssumption]:
-    """Assumptions about one module; `jumps`: what was tried to confirm."""
+    """The assumptions about one module; `jumps`: the hand-overs for which a proof was tried."""
     links, axes = facts.symbol.verify.abstracts, facts.open_ends or facts.left_out or facts.turning
     parts = (
-        extras.views.abstraction_conforms(facts) if links else (),
+        extras.views.conformance_assumptions(facts) if links else (),
         extras.handovers.jump_assumptions(facts, jumps or {}) if facts.view else (),
-        _plant_behaviour(facts),
-        _input_bounds(facts),
+        _plant_assumptions(facts),
+        _input_assumptions(facts),
         extras.sc_locals_and_modes.mode_assumptions(facts) if facts.modes else (),
         extras.node_paths.node_assumptions(facts.ways) if facts.ways.notes else (),
         _timing_assumptions(facts),
         _machine_assumptions(facts),
-        extras.views.judged_as_driven(facts) if links else (),
+        extras.views.assumptions_on_topics_of_safe(facts) if links else (),
         extras.left_out_states.axis_assumptions(facts) if axes else (),
-        identified_numbers(facts),
+        fitted_number_assumptions(facts),
     )
     return [RecheckAssumption(key, text) for part in parts for key, text in part]
 
 
-def identified_numbers(facts: Covered) -> Said:
-    """The assumption that numbers which were fitted to logs hold, and how often they do not."""
+def fitted_number_assumptions(facts: Covered) -> Said:
+    """The assumptions that numbers which were fitted to logs are right."""
     for name, held_out in facts.flying.program.identified.items():
         yield f"identified {name}", in_words("identified", name, held_out, held_out + 1)
 
 
 def confirmed_facts(facts: Facts, jumps: Mapping[str, Any]) -> list[RecheckAssumption]:
-    """The facts that are confirmed beside the claims, and no assumptions any more."""
+    """What was confirmed beside the claims: sets that topics keep to, and hand-overs."""
     entries = []
     for index in facts.in_sets:
         if not facts.symbol.verify.abstracts:
@@ -217,7 +217,7 @@ def confirmed_facts(facts: Facts, jumps: Mapping[str, Any]) -> list[RecheckAssum
 # ---------------------------------------------------------------- the world
 
 
-def _plant_behaviour(facts: Facts) -> Said:
+def _plant_assumptions(facts: Facts) -> Said:
     if not facts.symbol.verify.abstracts:
         names = ", ".join(c.name for c in facts.plants)
         yield f"world {names}", in_words("world", names)
@@ -231,24 +231,25 @@ def _range_text(x: Input) -> str:
     return f"{x.name} in [{x.low:g}, {x.high:g}]"
 
 
-def _unit(x: Input) -> str:
+def _unit_text(x: Input) -> str:
     return f" {x.unit}" if x.unit else ""
 
 
-def _input_bounds(facts: Facts) -> Said:
+def _input_assumptions(facts: Facts) -> Said:
     for d in facts.disturbances:
-        text = in_words("others" if d.of_others else "disturbance", f"{_range_text(d)}{_unit(d)}")
+        kind = "others" if d.of_others else "disturbance"
+        text = in_words(kind, f"{_range_text(d)}{_unit_text(d)}")
         yield f"disturbance {_range_text(d)}", text
     for e in facts.errors:
-        text = in_words("error", f"{e.name} within {e.high:g}{_unit(e)}")
+        text = in_words("error", f"{e.name} within {e.high:g}{_unit_text(e)}")
         yield f"error {e.name} {e.high:g}", text
     measured = {(e.owner, e.leaf) for e in facts.errors}
     by_dm, by_sc = topics_read(facts)
     for index in dict.fromkeys([*by_dm, *by_sc]):
         topic = facts.system.topics[index]
-        for k, (path, of) in enumerate(leaves(topic.type)):
+        for k, (path, leaf_type) in enumerate(leaves(topic.type)):
             name = leaf_name(topic.name, path)
-            if isinstance(of, FloatType) and (index, k) not in measured:
+            if isinstance(leaf_type, FloatType) and (index, k) not in measured:
                 yield f"exact {name}", in_words("exact", name)
     for name in dict.fromkeys(_unproved_sets(facts)):
         yield f"set {name}", in_words("set", name)
@@ -257,16 +258,16 @@ def _input_bounds(facts: Facts) -> Said:
 
 
 def _unproved_sets(facts: Facts) -> Iterator[str]:
-    """Topics with a declared set that plants drive, of which it is not shown that they keep to it.
+    """Topics that plants drive and whose declared sets are not shown to be kept, by name.
 
-    Of a plant that is abstracted, and of one that is no part of the proof, nothing is shown.
+    This is so for every topic of an abstracted plant, and of a plant outside of the proof.
     """
-    links, own = facts.symbol.verify.abstracts, {c.name for c in facts.plants}
+    links, names = facts.symbol.verify.abstracts, {c.name for c in facts.plants}
     for index in bounded_topics(facts):
         if links or index not in facts.in_sets:
             yield facts.system.topics[index].name
     for c in facts.flying.components:
-        if c.plant is not None and (links or c.name not in own):
+        if c.plant is not None and (links or c.name not in names):
             driven = [facts.flying.topics[c.scope.topics[t]] for t, _ in c.plant.drives]
             yield from (t.name for t in driven if any(b is not None for b in t.bounds))
 
@@ -274,13 +275,13 @@ def _unproved_sets(facts: Facts) -> Iterator[str]:
 # ---------------------------------------------------------------- time
 
 
-def _declared_delays(facts: Facts) -> Said:
+def _delay_assumptions(facts: Facts) -> Said:
     verify = facts.symbol.verify
     for key, (delay, name) in DELAYS.items():
         if getattr(verify, name) is not None:
             time = show_ns(facts.times[key])
             if key == "L_ns" and verify.acts_least is not None:
-                time = f"{show_ns(number_of(facts, verify.acts_least))} to {time}"
+                time = f"{show_ns(const_value(facts, verify.acts_least))} to {time}"
             yield f"declared {delay} {time}", in_words("declared", f"{delay} {time}")
         elif facts.kind == "flow":
             yield f"undeclared {delay}", in_words("undeclared", delay)
@@ -297,7 +298,7 @@ def _timing_assumptions(facts: Facts) -> Said:
     if facts.jitter_ns and len(facts.controls) > 1 and facts.symbol.rest is None:
         names = ", ".join(c.name for c in facts.controls)
         yield f"together {names}", in_words("together", names)
-    yield from _declared_delays(facts)
+    yield from _delay_assumptions(facts)
     if facts.thread:
         yield f"thread {facts.thread}", facts.thread
     if facts.kind == "flow":
@@ -316,18 +317,18 @@ def _timing_assumptions(facts: Facts) -> Said:
 
 
 def acknowledgement_assumption(symbol: typed.ModuleSymbol) -> Said:
-    """The assumption about a DM that gives control back only after a press."""
+    """The assumption that is made where a DM gives control back only after a press."""
     if symbol.latch is not None and symbol.latch.topic is not None:
         name = symbol.latch.topic.name
         yield f"acknowledged {name}", in_words("acknowledged", name)
 
 
 def _machine_assumptions(facts: Facts) -> Said:
-    """The assumptions about the machine, and prelude functions that SC, predicates, plants call."""
+    """The assumptions about binary64 and about the prelude functions that are called."""
     assert facts.sc.node is not None
     code: list[object] = [*facts.sc.node.step, *facts.symbol.predicates]
-    code += [e for c in facts.plants if c.plant is not None for e in equations(c.plant)]
-    functions = {f for f in parts_of(code) if isinstance(f, FunSymbol) and f.prelude}
+    code += [e for c in facts.plants if c.plant is not None for e in plant_code(c.plant)]
+    functions = {f for f in code_parts(code) if isinstance(f, FunSymbol) and f.prelude}
     for name in sorted({f.name for f in functions} & BOUNDS.keys() - {*WITHOUT_ERROR}):
         yield f"bound of {name}", f"the error bound of {name}: tested, not proved"
     yield "binary64", in_words("binary64")

@@ -48,18 +48,18 @@ FAILS, HOLDS = 1, 2
 
 
 def why_vacuous(facts: Facts, groups: Groups) -> tuple[str, str]:
-    """(why the claims about a module say next to nothing, why that was not looked at), or ""."""
+    """Why the claims about a module say next to nothing, and why nobody looked at that; else ""."""
     if nothing := why_safe_says_nothing(facts):
         return nothing, ""
     for values, of_case in zip(facts.cases(), groups, strict=True):
         try:
             if facts.computed:
                 found, unseen = next(filter(None, (g.why_ac_never for g in of_case)), ""), ""
-            elif _taken_by_age(facts):
+            elif _does_ttf_hold_when_fresh(facts):
                 found, unseen = f"{KEEPS} (`ttf` holds of whatever is fresh)", ""
             else:
-                found, unseen = _vacuous_conditions(facts, values, of_case)
-                found = found or _never_given(facts, values)
+                found, unseen = _why_vacuous_on_drawn_states(facts, values, of_case)
+                found = found or _why_ac_may_never_get_control(facts, values)
         except (NotRecheckedError, StepFault, ArithmeticError, ValueError) as error:
             found, unseen = "", f"{type(error).__name__}: {error}"
         if found or unseen:
@@ -70,18 +70,18 @@ def why_vacuous(facts: Facts, groups: Groups) -> tuple[str, str]:
 
 
 def why_safe_says_nothing(facts: Facts) -> str:
-    """Why `safe` of a module says nothing of its plants; "": it may be false."""
+    """Why `safe` of a module says nothing of its plants; "" where `safe` may be false."""
     safe, scope = facts.symbol.safe, facts.module.scope
     if not topic_reads(safe):
         return READS_NOTHING
     return HOLDS_ANYWAY if truth_by_parts(safe, facts.system, scope) else ""
 
 
-def _never_given(facts: Facts, values: tuple[int, ...]) -> str:
-    """Why AC may never get control: SC has it at the start, and no claim says that it gives it."""
+def _why_ac_may_never_get_control(facts: Facts, values: tuple[int, ...]) -> str:
+    """Says that AC may never get control where SC has it at the start and P2b is not claimed."""
     if not facts.symbol.stays or facts.symbol.safer is None:
         return ""
-    safer = _admit_check(facts, values, facts.symbol.safer, admits=True)
+    safer = _prepare_admit_check(facts, values, facts.symbol.safer, admits=True)
     box = [(exact(i.low), exact(i.high)) for i in facts.states] + safer.decision.ranges
     if safer.decision.bits_on_box(box) & FAILS:
         return ""
@@ -89,17 +89,17 @@ def _never_given(facts: Facts, values: tuple[int, ...]) -> str:
     return f"nothing says that AC ever gets control ({why})"
 
 
-def _admit_check(
+def _prepare_admit_check(
     facts: Facts, values: tuple[int, ...], expr: typed.TypedExpr, *, admits: bool
 ) -> AdmitCheck:
-    """The check whether this predicate keeps AC from control, for states anywhere."""
+    """Prepares the check whether a predicate keeps AC from control, for states anywhere."""
     box = Axes(tuple(range(len(facts.extents))), Grid(facts.extents))
     model = CaseModel(facts, values, facts.extents)
     return AdmitCheck(model, box, expr, admits=admits, anywhere=True)
 
 
-def _taken_by_age(facts: Facts) -> bool:
-    """Whether `ttf`, with what it asks of ages, is true at every state for all fresh reads."""
+def _does_ttf_hold_when_fresh(facts: Facts) -> bool:
+    """Whether `ttf`, which asks for an age, holds of every state as long as all reads are fresh."""
     ttf = facts.symbol.ttf
     if ttf is None or not any(isinstance(n, AgeRead) for n in nodes([ttf])):
         return False
@@ -115,15 +115,15 @@ def _taken_by_age(facts: Facts) -> bool:
     return truth_by_parts(ttf, facts.system, facts.module.scope, read) is True
 
 
-def _vacuous_conditions(
+def _why_vacuous_on_drawn_states(
     facts: Facts, values: tuple[int, ...], groups: Sequence[GridGroup]
 ) -> tuple[str, str]:
-    """`why_vacuous` of `ttf` and `safer`, on estimates of states drawn from K of all groups."""
+    """Does what `why_vacuous` does, by `ttf` and `safer` on estimates of states drawn from K."""
     ttf, safer = facts.ttf, facts.symbol.safer
     if ttf is None or safer is None:
         return "", "predicates that are not there are not looked at"
     chance = np.random.default_rng(0)
-    asked = partial(_admit_check, facts, values)
+    asked = partial(_prepare_admit_check, facts, values)
     checks = asked(safer, admits=True), asked(ttf, admits=False)
     drawn, gets, keeps, both = 0, 0, 0, 0
     for x in _random_states(facts, chance, groups):
@@ -136,29 +136,29 @@ def _vacuous_conditions(
         return "", "no state of K was drawn"
     least = RARE_SHARE * drawn
     if gets < least:
-        return f"{rarity(gets)} has control (`safer` holds {on_drawn(gets, drawn)})", ""
+        return (f"{rarity(gets)} has control (`safer` holds {drawn_share(gets, drawn)})", "")
     if keeps < least:
-        return f"{rarity(keeps)} keeps control (`ttf` is false {on_drawn(keeps, drawn)})", ""
+        return (f"{rarity(keeps)} keeps control (`ttf` is false {drawn_share(keeps, drawn)})", "")
     if both < least:
         where = "where `safer` holds `ttf` does, too: not so"
-        return f"{rarity(both)} keeps control ({where} {on_drawn(both, drawn)})", ""
+        return f"{rarity(both)} keeps control ({where} {drawn_share(both, drawn)})", ""
     return "", ""
 
 
 def rarity(count: int) -> str:
-    """Words for "AC hardly ever" or "never", for a `count` below `RARE_SHARE` of the drawn."""
+    """Words for AC's share of the drawn states: "hardly ever", or "never" for a `count` of 0."""
     return "AC hardly ever" if count else "as far as was seen AC never"
 
 
-def on_drawn(count: int, drawn: int) -> str:
-    """On how many of the drawn states, in words."""
+def drawn_share(count: int, drawn: int) -> str:
+    """Says in words on how many of the drawn states something holds."""
     return f"on {count or 'none'} of {drawn:,} states drawn from K"
 
 
 def _random_states(
     facts: Facts, chance: np.random.Generator, groups: Sequence[GridGroup]
 ) -> Iterator[NDArray[np.float64]]:
-    """Random states, of each group's K together; a state without a group anywhere in its range."""
+    """Random states whose parts lie in the K of each group, and otherwise in the states' ranges."""
     parts = [g.random_points(chance) for g in groups]
     for _ in range(DRAWN):
         x = np.array([chance.uniform(*ends) for ends in facts.extents])
@@ -171,7 +171,7 @@ def _random_states(
 
 
 def _is_ac_admitted(check: AdmitCheck, x: NDArray[np.float64], chance: np.random.Generator) -> bool:
-    """Whether one estimate of a state, with random errors, certainly lets AC have control."""
+    """Whether the predicate certainly gives AC control on an estimate of `x` with random errors."""
     box: list[tuple[arb, arb]] = [(exact(v), exact(v)) for v in x.tolist()]
     for low, high in check.decision.ranges:
         end = (low, high)[int(chance.integers(2))]

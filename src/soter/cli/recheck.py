@@ -200,8 +200,8 @@ def _module_section(m: RecheckedModule, report: Report) -> PageSection:
     says += [f"{IN_FLIGHT[0].upper()}{IN_FLIGHT[1:]}."] if m.in_flight else []
     says += [f"Confirmed: {' '.join(m.confirmed) or 'nothing'}."]
     says += [f"With {values}."] if values else []
-    says += [f"Not confirmed: {', '.join(m.other)}."] if m.other else []
-    says += [f"Not claimed: {NO_LAW}."] if m.law_untold else []
+    says += [f"Not confirmed: {', '.join(m.unconfirmed_claims)}."] if m.unconfirmed_claims else []
+    says += [f"Not claimed: {NO_LAW}."] if m.says_nothing_of_law else []
     says += [f"Vacuous: {m.vacuous}."] if m.vacuous else []
     says += [f"Not looked at: whether AC ever has control ({m.unseen})."] if m.unseen else []
     says += [f"Confirmed: {claim.text}" for claim in m.shown]
@@ -288,8 +288,8 @@ def _remarks(module: RecheckedModule) -> Iterator[tuple[str, str]]:
         yield "muted", f"with {values}"
     if module.in_flight:
         yield "yellow", IN_FLIGHT
-    yield from (("muted", f"not confirmed: {name}") for name in module.other)
-    if module.law_untold:
+    yield from (("muted", f"not confirmed: {name}") for name in module.unconfirmed_claims)
+    if module.says_nothing_of_law:
         yield "muted", f"not claimed: {NO_LAW}"
     if module.vacuous:
         yield "yellow", f"vacuous: {module.vacuous}"
@@ -319,14 +319,15 @@ ASSUMPTION = JsonObject("soter.certificate.report.RecheckAssumption", "key text"
 DOCUMENT = JsonObject(
     "soter.certificate.report.Report",
     "accepted verdict safe returns reason program_sha256 seconds program modules assumptions "
-    "assumption_keys=said.key not_covered flights",
+    "assumption_keys=all_assumptions.key not_covered flights",
     {"modules": _modules_by_name},
     beside={"certificate": str, "report?": str},
     verdict=one_of(*VERDICTS),
     modules=JsonObject(
         "soter.certificate.report.RecheckedModule",
         "system verdict reason=not_rechecked parameters otherwise times_ns=times confirmed "
-        "not_confirmed=other missing in_flight=decided cells shown vacuous vacuity_unseen=unseen",
+        "not_confirmed=unconfirmed_claims missing in_flight=decided cells shown vacuous "
+        "vacuity_unseen=unseen",
         shown=ASSUMPTION,
         verdict=one_of(ACCEPTED, errors.NOT_RECHECKED),
     ),

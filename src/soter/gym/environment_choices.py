@@ -75,7 +75,10 @@ def _chosen_index(kind: str, names: list[str], wanted: str | None, system: str) 
 def observed_parts(
     system: System, agent: Component, names: Sequence[str] | None
 ) -> list[ObservedPart]:
-    """The named topics and true states; by default the agent's topics, or all true states."""
+    """The topics and true states that `names` names; by default the agent's topics, or all states.
+
+    SoterError U001 where there is none.
+    """
     plants = [c for c in system.components if c.plant is not None]
     if names is None:
         assert agent.node is not None

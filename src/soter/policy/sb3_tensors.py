@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def read_tensors(path: Path, data: bytes) -> dict[str, Floats]:
-    """The float32 tensors in the zip that `torch.save` wrote, by name; SoterError X014."""
+    """The float32 tensors that `torch.save` wrote, by name, each in its shape; SoterError X014."""
     with open_zip(path, data, "its part `policy.pth` is no zip of `torch.save`") as parts:
         names = [n for n in parts.namelist() if n.endswith("/data.pkl")]
         if len(names) != 1:

@@ -19,7 +19,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.reading.folder import FORMAT, MANIFEST, SEAL, files_of
+from soter.certificate.reading.folder import FORMAT, MANIFEST, SEAL, files_of_program
 from soter.diagnostics.current_phase import between
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.system_texts import reason
@@ -287,7 +287,7 @@ def write_certificate(
 
 def _program_files(program: TypedProgram) -> Iterator[tuple[str, bytes]]:
     """The program's files, by their paths below the deepest folder that holds all of them."""
-    paths = list(dict.fromkeys(p.resolve() for p in files_of(program.path)))
+    paths = list(dict.fromkeys(p.resolve() for p in files_of_program(program.path)))
     root = Path(os.path.commonpath([p.parent for p in paths]))
     for path in paths:
         yield f"program/{path.relative_to(root).as_posix()}", path.read_bytes()

@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.proof_methods import unclaimed
+from soter.certificate.proof_methods import parts_without_claim
 from soter.certificate.reading.folder import OF_SETS
 from soter.language.model.system import LEVELS_DEFAULT
 from soter.verify.claims.results import PROVED, UNCLAIMED
@@ -163,7 +163,7 @@ def _drop_unclaimed_sets(
     group: dict[str, Any], files: dict[str, bytes], claims: set[str], *, computed: bool
 ) -> None:
     """Removes sets that no proved claim needs, with their files; K is then written as empty."""
-    for name in unclaimed(group, claims, computed=computed):
+    for name in parts_without_claim(group, claims, computed=computed):
         del group[name]
     if not OF_SETS & claims:
         files[group["K"]] = bytes(len(files[group["K"]]))

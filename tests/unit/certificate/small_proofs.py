@@ -13,17 +13,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.certificate.case_check import CLAIMS, p1c_of
+from soter.certificate.case_check import CLAIMS, p1c_verdict
 from soter.certificate.cell_predicates import certain_cells
 from soter.certificate.cell_sets import Cells, Grid
 from soter.certificate.grid.group_claims import ChainCheck, FreeCheck, GroupTables
-from soter.certificate.proof_methods import unclaimed
+from soter.certificate.proof_methods import parts_without_claim
 from soter.certificate.reading.case_model import CaseModel
-from soter.certificate.reading.folder import FORMAT, canonical
+from soter.certificate.reading.folder import FORMAT, canonical_json
 from soter.certificate.reading.module_times import TIME_KEYS
 from soter.certificate.reading.problem import read_facts
 from soter.certificate.terms.compile_terms import form_of_box
-from soter.certificate.terms.linear_enclosures import above, below
+from soter.certificate.terms.linear_enclosures import lower, upper
 from soter.language.front_end import check_file, system_to_prove
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ class Walk:
     """What SC does with the states of one cell; each step is computed once, whoever asks."""
 
     def __init__(self, check: ChainCheck, cell: tuple[int, ...]) -> None:
-        self.chain, self.n = check.chain(1), len(check.group.states)
+        self.chain, self.n = check.compiled_chain(1), len(check.group.states)
         self.form = form_of_box(check.group.grid.box(tuple((i, i + 1) for i in cell)), symbols=True)
         self.steps: list[Any] = []
 
@@ -67,7 +67,7 @@ class Walk:
         if self.chain.last is not None:
             return self.chain.last(form)
         ends = [(form[2 * i], form[2 * i + 1]) for i in range(self.n)]
-        return None, tuple(x for lo, hi in ends for x in (below(lo), above(hi)))
+        return None, tuple(x for lo, hi in ends for x in (lower(lo), upper(hi)))
 
 
 Walks = dict[tuple[int, ...], Walk]
@@ -88,7 +88,9 @@ def images(
             if step is None or not within.contains_all(step[0]):
                 break
             last = step[1]
-            if check.chain(1).last is not None and not (last and within.contains_all(last[1])):
+            if check.compiled_chain(1).last is not None and not (
+                last and within.contains_all(last[1])
+            ):
                 last = None
             row.append(last and last[1])
     return images_by_cell
@@ -162,7 +164,8 @@ def prove(facts: Facts, shape: tuple[tuple[int, ...], ...], holds_max: int = 40)
                 ]
             )
         ],
-        "claims": dict.fromkeys(CLAIMS[:-1], "proved") | {"P1c": p1c_of(facts)},  # it has no law
+        "claims": dict.fromkeys(CLAIMS[:-1], "proved")
+        | {"P1c": p1c_verdict(facts)},  # it has no law
         "recover_ns": None,
         "cases": [],
     }
@@ -182,7 +185,7 @@ def prove(facts: Facts, shape: tuple[tuple[int, ...], ...], holds_max: int = 40)
         free = np.zeros(grid.shape, dtype=np.bool_)
         for cell in np.ndindex(grid.shape):
             box = grid.box(tuple((i, i + 1) for i in cell))
-            free[cell] = bool(core[cell]) and phase.stays(box, cells, 4)
+            free[cell] = bool(core[cell]) and phase.stays_in(box, cells, 4)
         assert facts.symbol.safer is not None
         calm = certain_cells(model, [group], facts.symbol.safer, errors=True)[0]
         home = kernel(check, calm, holds_max, walks)
@@ -230,7 +233,7 @@ def write(
 
 def seal(folder: Path, manifest: Any) -> None:
     """Write manifest and seal."""
-    raw = canonical(manifest)
+    raw = canonical_json(manifest)
     (folder / "manifest.json").write_bytes(raw)
     (folder / "SEAL").write_text(hashlib.sha256(raw).hexdigest() + "\n")
 
@@ -247,7 +250,7 @@ def only_claimed(folder: Path, manifest: Any) -> None:
     for entry in manifest["modules"]:
         claims = {n for n, verdict in entry["claims"].items() if verdict == "proved"}
         for group in (g for case in entry["cases"] for g in case["groups"]):
-            names = unclaimed(group, claims, computed="tables" in entry)
+            names = parts_without_claim(group, claims, computed="tables" in entry)
             for name in names:
                 path = group.pop(name)
                 del manifest["files"][path]

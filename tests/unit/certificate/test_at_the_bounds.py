@@ -23,13 +23,13 @@ from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.linear_enclosures import (
     FUNCTIONS,
     ONE,
-    above,
-    below,
     exact,
     line_noisy_max0,
     line_or_range,
+    lower,
+    upper,
 )
-from soter.certificate.terms.straight_line import grown
+from soter.certificate.terms.straight_line import growth
 from soter.certificate.terms.terms import Terms
 from tables import all_rows
 from unit.certificate.grid_tables import grid_beyond
@@ -42,14 +42,14 @@ del UNIVARIATE["atan2"], UNIVARIATE["pow"]
 
 def test_a_bound_in_doubles_is_the_nearest_one() -> None:
     for number in (Fraction(k, d) for k in range(-9, 10) for d in (1, 3, 7, 10)):
-        low, high = below(exact(number)), above(exact(number))
+        low, high = lower(exact(number)), upper(exact(number))
         assert Fraction(low) <= number <= Fraction(high)
         assert high <= math.nextafter(low, math.inf)
 
 
 def test_of_what_nothing_bounds_no_double_is_a_bound() -> None:
     for x in (arb("nan"), arb("inf"), arb(0, math.inf), exact(1.5) * exact(2.0) ** 1100):
-        assert above(x) == math.inf
+        assert upper(x) == math.inf
 
 
 @all_rows("name", sorted(UNIVARIATE))
@@ -97,7 +97,7 @@ def test_of_a_line_and_a_range_that_are_as_wide_the_line_is_kept() -> None:
 
 def test_growth_at_a_rate_that_is_a_ball_is_that_of_the_greatest() -> None:
     for own, most in ((arb(2, 0.5), 2.5), (arb(-2, 0.5), -1.5)):
-        assert grown(own, exact(1.0)) >= math.expm1(most) / most
+        assert growth(own, exact(1.0)) >= math.expm1(most) / most
 
 
 @pytest.mark.parametrize("rate", [-2.0, 0.5, 2.0])
@@ -138,13 +138,13 @@ def test_a_box_on_an_edge_has_cells_on_its_inner_side() -> None:
         (0.5, 2.5): (0, 3),
         (0.0, 3.0): (0, 3),
     }.items():
-        assert grid.cells(box) == (cells,)
+        assert grid.cells_around(box) == (cells,)
     for outside in ((-0.1, 1.0), (2.0, 3.1), (math.nan, 1.0), (1.0, math.nan)):
-        assert grid.cells(outside) is None
+        assert grid.cells_around(outside) is None
     ends = grid_beyond(grid.edges, (True,))
     for box, cells in {(-1.0, -0.5): (0, 1), (4.0, 5.0): (2, 3), (-1.0, 5.0): (0, 3)}.items():
-        assert ends.cells(box) == (cells,)
-    assert ends.cells((-3.5, 1.0)) is None
+        assert ends.cells_around(box) == (cells,)
+    assert ends.cells_around((-3.5, 1.0)) is None
 
 
 @pytest.mark.parametrize("outside", [None, 0, 1, 2, "unknown"])
@@ -160,7 +160,9 @@ def test_a_run_that_may_leave_the_set_on_its_way_reaches_nothing(outside: int | 
 
     chain = SimpleNamespace(first=step, later=step, last=None)
     check: Any = SimpleNamespace(
-        chain=lambda *_: chain, group=SimpleNamespace(states=(0,)), _parts=lambda form: [form]
+        compiled_chain=lambda *_: chain,
+        group=SimpleNamespace(states=(0,)),
+        _parts=lambda form: [form],
     )
     check._boxes_at_switch = lambda *of: ChainCheck._boxes_at_switch(check, *of)
     box = [(exact(0.5), exact(0.75))]
@@ -178,7 +180,7 @@ def test_a_start_beyond_an_end_is_moved_in_and_any_other_is_not() -> None:
         (-4.0, -3.0): (0.0, 0.0),
         (7.0, 9.0): (2.0, 2.0),
     }.items():
-        assert [grid.brought_in(k, low, high) for k in (0, 1)] == [moved, (low, high)]
+        assert [grid.move_onto_axis(k, low, high) for k in (0, 1)] == [moved, (low, high)]
 
 
 def test_what_holds_on_the_grid_alone_does_not_hold_beyond_its_open_end() -> None:
@@ -189,7 +191,7 @@ def test_what_holds_on_the_grid_alone_does_not_hold_beyond_its_open_end() -> Non
         inside = terms.below_zero(terms.combine(((-ONE, x),), exact(-5.0)))
         grid = grid_beyond(((-2.0, -1.0, 0.0, 1.0, 2.0),), unbounded)
         decision = cell_predicates.Decision(model, (0,), terms, [0], inside)
-        found = cell_predicates.decided_cells(decision, grid)
+        found = cell_predicates.cells_where_certain(decision, grid)
         assert found.members.tolist() == members
 
 

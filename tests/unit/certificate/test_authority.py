@@ -121,7 +121,7 @@ def test_of_assumptions_in_a_manifest_only_the_numbers_are_taken(
     """A forged list numbers otherwise, and drops, adds and changes nothing that is derived."""
     monkeypatch.setattr(rechecker, "_check_cases", lambda *_: None)  # claims are no matter of it
     plain = recheck(proved)
-    derived = [[a.key, a.text] for a in plain.said]
+    derived = [[a.key, a.text] for a in plain.all_assumptions]
     numbers = [f"A{k}" for k in range(1, len(derived) + 1)]
     assert [plain.assumption_numbers[text] for text in plain.assumptions] == numbers
     forged: dict[str, list[list[str]]] = {
@@ -136,7 +136,7 @@ def test_of_assumptions_in_a_manifest_only_the_numbers_are_taken(
     for how, said in forged.items():
         report = recheck(changed(lambda m, said=said: m.update(assumptions=said)))  # type: ignore[misc]
         assert report.accepted, (how, report.reason)
-        assert report.said == plain.said, how
+        assert report.all_assumptions == plain.all_assumptions, how
         assert len({report.assumption_numbers[text] for text in report.assumptions}) == len(
             derived
         ), how
@@ -156,7 +156,7 @@ def test_a_list_of_assumptions_that_is_none_is_rejected(changed: Change, said: o
 def test_assumptions_are_those_of_the_program(proved: Path) -> None:
     report = recheck(proved)
     assert report.accepted
-    keys = {a.key for a in report.said}
+    keys = {a.key for a in report.all_assumptions}
     assert {"scheme", "wait", "order", "no dropout", "undeclared acts within"} <= keys
     assert "disturbance c.wind in [-0.1, 0.1]" in keys
 

@@ -23,7 +23,7 @@ from soter.certificate.extras.left_out_states import (
     SEAM,
     read_turning,
     refuse_turns_read,
-    turned_back,
+    turn_back,
 )
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.report import NotRecheckedError, RejectedError
@@ -51,7 +51,7 @@ def test_cells_around_a_turn_cover_what_they_are_asked_for(low: float) -> None:
     ]
     for start in [*near, *chance.uniform(-9.0, 9.0, size=300).tolist()]:
         for width in (0.0, 0.1, float(chance.uniform(0.0, 7.0))):
-            block = grid.cells((start, start + width))
+            block = grid.cells_around((start, start + width))
             assert block is not None
             ((first, last),) = block
             assert 0 <= first < 12
@@ -204,14 +204,14 @@ def test_what_is_brought_back_by_whole_turns_holds_what_there_was(low: float) ->
     for _ in range(300):
         start = float(chance.uniform(-(2**13), 2**13) * chance.choice([1e-3, 1.0]))
         width = float(chance.choice([0.0, 0.3, 2.9, 7.0]))
-        first, last = turned_back(edges, start, start + width)
+        first, last = turn_back(edges, start, start + width)
         assert edges[0] - 1e-9 <= first <= edges[-1]
         assert last <= edges[-1] + math.pi
         for x in (start, start + width):
             turns = Fraction(x) // EXACT_TURN
             places = [Fraction(x) - (turns + k) * EXACT_TURN for k in range(-3, 4)]
             assert any(Fraction(first) <= p <= Fraction(last) for p in places)
-    assert turned_back(edges, 2.0**15, 2.0**15) == (2.0**15, 2.0**15), "nothing is known there"
+    assert turn_back(edges, 2.0**15, 2.0**15) == (2.0**15, 2.0**15), "nothing is known there"
 
 
 @pytest.mark.parametrize("start", ["{h} + 6.0 * PI", "in [{h} - 0.1 - 80.0 * PI, {h} - 80.0 * PI]"])

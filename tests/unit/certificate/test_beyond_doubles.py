@@ -13,7 +13,7 @@ import pytest
 
 import soter
 from soter.api import recheck
-from soter.certificate.extras.prelude_functions import prelude
+from soter.certificate.extras.prelude_functions import prelude_function
 from soter.certificate.reading.symbolic_operations import Operations
 from soter.certificate.terms.compile_terms import compile_truths, form_of_box
 from soter.certificate.terms.linear_enclosures import exact
@@ -99,7 +99,9 @@ def test_the_obligation_is_that_of_the_machine(ends: tuple[float, float]) -> Non
     """exp(400 x), read for x in [-3, 3], is a double on a box, or nobody says that it is."""
     terms = Terms()
     x = terms.add_input("state", "x", exact(-3.0), exact(3.0))
-    value = prelude(Operations(terms, rounded=True), "exp", terms.combine(((exact(400.0), x),)))
+    value = prelude_function(
+        Operations(terms, rounded=True), "exp", terms.combine(((exact(400.0), x),))
+    )
     (index,) = x.terms
     assert terms.obligations == []
     decide = compile_truths(terms, [index], value.beyond, {})

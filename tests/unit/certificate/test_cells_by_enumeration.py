@@ -13,13 +13,13 @@ from soter.certificate.cell_sets import (
     Cells,
     Grid,
     block_index,
+    cell_count,
     cells_uncovered,
     cells_unshown,
     cut_block,
-    halves,
+    halves_of_block,
     holds_in_parts,
     smallest_block,
-    volume,
 )
 from soter.certificate.extras.left_out_states import WIDER, beyond_ends, has_no_ends
 from soter.certificate.reading.case_model import FARTHEST
@@ -60,7 +60,7 @@ def test_the_cells_of_a_box_are_those_with_points_of_it_inside() -> None:
     values = [-0.5, 0.0, 0.25, 1.0, 2.0, 3.0, 4.5, 6.0, 6.5]
     grid = Grid((EDGES,))
     for low, high in itertools.product(values, repeat=2):
-        found = grid.cells((low, high))
+        found = grid.cells_around((low, high))
         if low < 0 or high > 6:
             assert found is None
         elif low < high:
@@ -83,14 +83,14 @@ def test_boxes_stand_one_after_the_other() -> None:
         (3.0, 6.0, 0.0, 0.5),
     ]
     inside = [True, True, False, True]
-    assert PLANE.cells(boxes[1]) == ((1, 2), (0, 2))
+    assert PLANE.cells_around(boxes[1]) == ((1, 2), (0, 2))
     for count in range(4):
         for chosen in itertools.permutations(range(4), count):
             flat = [x for k in chosen for x in boxes[k]]
             assert cells.contains_all(flat) is all(inside[k] for k in chosen)
             for at, k in enumerate(chosen):
                 assert cells.contains(flat, 4 * at) is inside[k]
-                assert PLANE.cells(flat, 4 * at) == PLANE.cells(boxes[k])
+                assert PLANE.cells_around(flat, 4 * at) == PLANE.cells_around(boxes[k])
     assert cells.contains((0.0, 6.0, -1.0, 0.6)) is False
     assert cells.contains((0.0, 7.0, -1.0, 0.0)) is False
 
@@ -101,12 +101,12 @@ def test_beyond_an_axis_without_ends_as_far_as_it_is_wide() -> None:
         (-6.0, -6.0, (0, 1)), (-6.0, 0.5, (0, 1)), (-6.1, 0.5, None), (12.0, 12.0, (2, 3)),
         (2.0, 12.0, (1, 3)), (2.0, 12.1, None), (-1.0, 7.0, (0, 3)), (3.0, 2.0, None),
     ):  # fmt: skip
-        assert grid.cells((low, high)) == (None if block is None else (block,))
+        assert grid.cells_around((low, high)) == (None if block is None else (block,))
     shifted = grid_beyond(((2.0, 3.0, 4.0),), (True,))
     for low, fine in ((0.0, True), (-0.5, False)):
-        assert (shifted.cells((low, 3.0)) is not None) is fine
+        assert (shifted.cells_around((low, 3.0)) is not None) is fine
     for high, fine in ((6.0, True), (6.5, False)):
-        assert (shifted.cells((3.0, high)) is not None) is fine
+        assert (shifted.cells_around((3.0, high)) is not None) is fine
 
 
 def test_which_axes_have_no_ends_and_how_many_cells() -> None:
@@ -114,10 +114,10 @@ def test_which_axes_have_no_ends_and_how_many_cells() -> None:
     mixed = grid_beyond(PLANE.edges, (False, True))
     assert [has_no_ends(mixed, k) for k in (0, 1)] == [False, True]
     assert PLANE.shape == (3, 2)
-    assert PLANE.whole == ((0, 3), (0, 2))
+    assert PLANE.all_cells == ((0, 3), (0, 2))
     box = PLANE.box(((1, 3), (0, 1)))
     assert [(float(a), float(b)) for a, b in box] == [(1.0, 6.0), (-1.0, 0.0)]
-    assert PLANE.text(((1, 3), (0, 1))) == "[1, 6] x [-1, 0]"
+    assert PLANE.block_in_words(((1, 3), (0, 1))) == "[1, 6] x [-1, 0]"
 
 
 def test_runs_beyond_an_end_are_followed_while_they_stay_in_the_last_cell() -> None:
@@ -126,7 +126,7 @@ def test_runs_beyond_an_end_are_followed_while_they_stay_in_the_last_cell() -> N
 
     def follows(start: tuple[float, float], *boxes: tuple[float, float]) -> bool:
         flat = [x for box in boxes for x in (*box, -50.0, 50.0)]
-        return grid.followed_beyond([(exact(a), exact(b)) for a, b in (start, (0.0, 6.0))], flat)
+        return grid.holds_beyond_ends([(exact(a), exact(b)) for a, b in (start, (0.0, 6.0))], flat)
 
     for low in (3.0, 4.0):
         for least in (low, low - 3.0, low - 3.25):
@@ -157,11 +157,11 @@ def test_runs_beyond_an_end_are_followed_while_they_stay_in_the_last_cell() -> N
         ((exact(0.0), exact(1.0) + hair), [0.0, 2.0], True),
         ((exact(0.0) + hair, exact(6.0) - hair), [-9.0, 9.0], True),
     ):
-        assert grid.followed_beyond([start, tuple(plane)], [*box, -50.0, 50.0]) is fine  # type: ignore[list-item]
+        assert grid.holds_beyond_ends([start, tuple(plane)], [*box, -50.0, 50.0]) is fine  # type: ignore[list-item]
     second = grid_beyond((EDGES, EDGES), (False, True))
     start = [(exact(0.0), exact(6.0)), (exact(3.0), exact(6.0))]  # type: ignore[assignment]
-    assert second.followed_beyond(start, [-50.0, 50.0, 0.0, 6.0]) is True  # type: ignore[arg-type]
-    assert second.followed_beyond(start, [-50.0, 50.0, -0.5, 6.0]) is False  # type: ignore[arg-type]
+    assert second.holds_beyond_ends(start, [-50.0, 50.0, 0.0, 6.0]) is True  # type: ignore[arg-type]
+    assert second.holds_beyond_ends(start, [-50.0, 50.0, -0.5, 6.0]) is False  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("edges", [(2.0, 3.0, 5.0), (-5.0, -1.0, 0.0), (0.0, 1.0)])
@@ -186,7 +186,7 @@ def test_what_lies_beyond_is_covered_without_gaps(edges: tuple[float, ...]) -> N
     shape = grid.shape
     for block in blocks_of(shape):
         for reads in itertools.product((True, False), repeat=2):
-            boxes = grid.whole_boxes(block, reads)
+            boxes = grid.boxes_covering(block, reads)
             more = (len(down) if block[0][0] == 0 else 0) + (
                 len(up) if block[0][1] == shape[0] else 0
             )
@@ -194,7 +194,7 @@ def test_what_lies_beyond_is_covered_without_gaps(edges: tuple[float, ...]) -> N
             assert boxes[0] == grid.box(block)
             assert all(box[1] == boxes[0][1] for box in boxes)
     ended = Grid(grid.edges)
-    assert ended.whole_boxes(ended.whole, (True, True)) == [ended.box(ended.whole)]
+    assert ended.boxes_covering(ended.all_cells, (True, True)) == [ended.box(ended.all_cells)]
 
 
 # ---------------------------------------------------------------- sets
@@ -209,31 +209,31 @@ def test_sets_are_counted_and_blocks_cut(shape: tuple[int, ...]) -> None:
         assert cells.size == members.sum()
         for block in blocks_of(shape):
             inside = [bool(members[c]) for c in cells_in(block)]
-            assert volume(block) == len(inside)
-            assert cells.count(block) == sum(inside)
+            assert cell_count(block) == len(inside)
+            assert cells.members_in(block) == sum(inside)
             assert cells.contains([float(x) for ends in block for x in ends]) is all(inside)
             assert (members[block_index(block)].sum()) == sum(inside)
     for block in blocks_of(shape):
         lengths = [b - a for a, b in block]
-        if volume(block) > 1:
-            one, other = halves(block)
+        if cell_count(block) > 1:
+            one, other = halves_of_block(block)
             assert cells_in(one) | cells_in(other) == cells_in(block)
-            assert volume(one) + volume(other) == volume(block)
+            assert cell_count(one) + cell_count(other) == cell_count(block)
             (axis,) = [k for k in range(len(block)) if one[k] != block[k]]
             assert lengths[axis] == max(lengths)
-            assert 0 <= volume(other) - volume(one) <= volume(block) // lengths[axis]
+            assert 0 <= cell_count(other) - cell_count(one) <= cell_count(block) // lengths[axis]
         for count in (1, 2, 3, 100):
             cut = cut_block(block, count)
-            assert len(cut) == min(count, volume(block))
+            assert len(cut) == min(count, cell_count(block))
             assert set().union(*map(cells_in, cut)) == cells_in(block)
-            assert sum(map(volume, cut)) == volume(block)
+            assert sum(map(cell_count, cut)) == cell_count(block)
     with pytest.raises(AssertionError):
         Cells(plain(shape), np.ones((*shape, 1), dtype=np.bool_))
 
 
 def test_the_largest_part_is_cut_first() -> None:
     cut = cut_block(((0, 9),), 4)
-    assert sorted(map(volume, cut)) == [2, 2, 2, 3]
+    assert sorted(map(cell_count, cut)) == [2, 2, 2, 3]
 
 
 def test_a_block_around_what_is_wanted() -> None:
@@ -267,16 +267,16 @@ def test_what_no_attempt_showed_is_left(largest: int, seed: int) -> None:
     def attempt(at: Block, wanted: NDArray[np.bool_]) -> NDArray[np.bool_]:
         assert (wanted == (todo & ~done)[block_index(at)]).all()
         assert smallest_block(wanted, at) == at
-        asked.append(volume(at))
+        asked.append(cell_count(at))
         shown = np.zeros_like(wanted)
         for cell in cells_in(at):
-            if todo[cell] and volume(at) <= limits[int(shown_from[cell])]:
+            if todo[cell] and cell_count(at) <= limits[int(shown_from[cell])]:
                 shown[tuple(c - low for c, (low, _) in zip(cell, at, strict=True))] = True
                 done[cell] = True
         return shown
 
     left = list(cells_unshown(todo, block, attempt, largest))
-    assert all(volume(cell) == 1 for cell in left)
+    assert all(cell_count(cell) == 1 for cell in left)
     wanted = {c for c in cells_in(block) if todo[c] and shown_from[c] == 0}
     assert {tuple(a for a, _ in cell) for cell in left} == wanted
     assert len(left) == len(wanted)
@@ -293,7 +293,7 @@ def test_a_block_is_covered_where_all_of_it_is_wanted() -> None:
     def attempt(at: Block) -> bool:
         assert todo[block_index(at)].all()
         asked.append(at)
-        return volume(at) <= 2 and (1, 2) not in cells_in(at)
+        return cell_count(at) <= 2 and (1, 2) not in cells_in(at)
 
     assert list(cells_uncovered(todo, ((0, 2), (0, 3)), attempt, 100)) == [((1, 2), (2, 3))]
     assert list(cells_uncovered(np.zeros_like(todo), ((0, 2), (0, 3)), attempt, 100)) == []
@@ -301,7 +301,7 @@ def test_a_block_is_covered_where_all_of_it_is_wanted() -> None:
     four = np.ones((2, 2), dtype=np.bool_)
     tried: list[int] = []
     four_cells = ((0, 2), (0, 2))
-    walk = cells_uncovered(four, four_cells, lambda at: not tried.append(volume(at)), 4)  # type: ignore[func-returns-value]
+    walk = cells_uncovered(four, four_cells, lambda at: not tried.append(cell_count(at)), 4)  # type: ignore[func-returns-value]
     assert not list(walk)
     assert tried == [4]
 

@@ -82,7 +82,7 @@ def decision_of(name: str, ends: Any = EXTENTS) -> Decision:
 def test_what_holds_on_a_cell_holds_at_its_points(name: str) -> None:
     """And not of all cells, nor of none; a point that certainly fails is in no such cell."""
     decision, draw = decision_of(name), np.random.default_rng(1)
-    members = cell_predicates.decided_cells(decision, GRID).members
+    members = cell_predicates.cells_where_certain(decision, GRID).members
     assert 0 < members.sum() < members.size
     for cell in np.ndindex(GRID.shape):
         low, high = (
@@ -110,7 +110,7 @@ def test_cells_that_touch_a_bound_belong_to_it() -> None:
     model: Any = SimpleNamespace(extents=((-2.0, 2.0), (-2.0, 2.0)))
     decision = Decision(model, (0, 1), terms, [s.atom for s in (x, y)], truth)
     grid = Grid((edges, edges))
-    members = cell_predicates.decided_cells(decision, grid).members
+    members = cell_predicates.cells_where_certain(decision, grid).members
     assert members[34, 35], "x from 1.4 to 1.5, y from 1.5 on"
 
 
@@ -125,6 +125,6 @@ def test_every_box_on_the_way_counts_for_runs_that_begin_beyond_an_end(turned: b
         box = [(exact(start[0]), exact(start[1])), (exact(0.0), exact(1.0))]
         for way, followed in (((good, good), True), ((good, bad), False), ((bad, bad), False)):
             boxes = [x for ends in way[:: -1 if turned else 1] for x in (*ends, 0.0, 1.0)]
-            assert grid.followed_beyond(box, boxes) == followed
+            assert grid.holds_beyond_ends(box, boxes) == followed
     inside = [(exact(1.2), exact(1.4)), (exact(0.0), exact(1.0))]
-    assert grid.followed_beyond(inside, [-5.0, 9.0, 0.0, 1.0])
+    assert grid.holds_beyond_ends(inside, [-5.0, 9.0, 0.0, 1.0])

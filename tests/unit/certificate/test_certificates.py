@@ -334,9 +334,9 @@ def test_bits_behind_the_last_cell_are_rejected(copied: Path) -> None:
 
     certificate = Certificate(copied, {}, {"sets/a": b"\x3f"}, set())
     with pytest.raises(RejectedError, match="behind the last cell"):
-        certificate.bits("sets/a", (5, 1))
+        certificate.set_of_cells("sets/a", (5, 1))
     certificate.contents["sets/a"] = b"\x1f"
-    assert certificate.bits("sets/a", (5, 1)).all()
+    assert certificate.set_of_cells("sets/a", (5, 1)).all()
 
 
 def test_python_flint_is_asked_for(monkeypatch: pytest.MonkeyPatch, proved: Path) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from soter.certificate.cell_sets import Cells, Grid, volume
+from soter.certificate.cell_sets import Cells, Grid, cell_count
 from soter.certificate.extras import estimates_and_shield
 from soter.certificate.extras.estimates_and_shield import least_levels, packed_levels
 from soter.certificate.grid import grid_group, group_claims
@@ -82,7 +82,7 @@ def test_a_claim_is_dealt_out_with_its_work() -> None:
             seen.clear()
             said = [task() for task, _ in tasks]
             assert sorted(said) == [*[""] * (len(tasks) - 1), "no way from [0, 1]"]
-            assert sum(map(volume, seen)) == cells
+            assert sum(map(cell_count, seen)) == cells
             for (_, work), block in zip(tasks, seen, strict=True):
                 (a, b) = block[0]
                 own = 0 if given is None else int(holds[a:b].sum())
@@ -105,15 +105,15 @@ def test_k_lies_where_safe_and_the_law_are_certain() -> None:
             check = check_of(group, kept=kept)
             check.lawful = None if lawful is None else Cells(LINE, bools(*lawful))
             check.note_safe_cells(Cells(LINE, bools(*safe)))
-            said = fails(check.show_core)
+            said = fails(check.core_tasks)
             assert ("K holds cells" in said) is not fine
             assert not said or ("law" in said) is (lawful is not None)
             if fine:
-                assert len(list(check.show_core())) == 1
+                assert len(list(check.core_tasks())) == 1
                 assert check.allowed.tolist() == (bools(*safe) & bools(*(lawful or safe))).tolist()
     whole = tables([1] * 4)
-    assert list(check_of(whole, kept=True).show_core()) == []
-    assert len(list(check_of(whole, kept=False).show_core())) == 1
+    assert list(check_of(whole, kept=True).core_tasks()) == []
+    assert len(list(check_of(whole, kept=False).core_tasks())) == 1
 
 
 def test_what_is_published_lies_in_its_set_on_all_of_k() -> None:
@@ -130,11 +130,13 @@ def test_what_is_published_lies_in_its_set_on_all_of_k() -> None:
 
 def test_a_free_phase_is_shown_where_something_may_be_left(monkeypatch: pytest.MonkeyPatch) -> None:
     cut: list[int] = []
-    monkeypatch.setattr(grid_group, "FreeCheck", lambda *_: SimpleNamespace(phase=cut.append))
+    monkeypatch.setattr(
+        grid_group, "FreeCheck", lambda *_: SimpleNamespace(compiled_steps=cut.append)
+    )
     every = bools(1, 1, 1, 1)
-    assert "needs R" in fails(lambda: check_of(tables([1] * 4)).show_free(5))
+    assert "needs R" in fails(lambda: check_of(tables([1] * 4)).free_tasks(5))
     for core, kept, tasks in (([1] * 4, True, 0), ([1] * 4, False, 1), ([0, 1, 1, 1], True, 1)):
-        assert len(list(check_of(tables(core, free=every), kept=kept).show_free(5))) == tasks
+        assert len(list(check_of(tables(core, free=every), kept=kept).free_tasks(5))) == tasks
     assert cut == [group_claims.FREE_PIECES[0]] * 2
 
 
@@ -146,7 +148,7 @@ def test_where_ac_may_act_everywhere_nothing_is_left_to_show(
     for members, tasks in ((bools(1, 1, 1, 1), 0), (bools(1, 0, 1, 1), 1)):
         for admits in (True, False):
             check = check_of(tables([1] * 4, free=members))
-            assert len(list(check.show_predicate("ttf", "expr", admits=admits))) == tasks
+            assert len(list(check.predicate_tasks("ttf", "expr", admits=admits))) == tasks
             assert not tasks or asked.pop() == ("expr", {"admits": admits})
 
 
@@ -168,23 +170,23 @@ def test_levels_begin_in_r_and_lie_in_each_other(monkeypatch: pytest.MonkeyPatch
         ([good[0], bools(1, 1, 1, 1)], "S_1 is no part of S_0", 0),
     ):
         check = check_of(tables([1] * 4, free=free_, levels=levels))
-        assert said in fails(lambda check=check: check.show_levels(5))  # type: ignore[misc]
+        assert said in fails(lambda check=check: check.levels_tasks(5))  # type: ignore[misc]
         if not said:
-            assert len(list(check.show_levels(5))) == tasks
+            assert len(list(check.levels_tasks(5))) == tasks
     three = [*good, bools(0, 1, 0, 0)]
     check = check_of(tables([1] * 4, free=free_, levels=three), levels=4)
-    assert len(list(check.show_levels(5))) == 3
+    assert len(list(check.levels_tasks(5))) == 3
     three[2] = bools(1, 0, 0, 0)
-    assert "S_2 is no part of S_1" in fails(lambda: check.show_levels(5))
+    assert "S_2 is no part of S_1" in fails(lambda: check.levels_tasks(5))
     # what nothing leaves need not be shown to stay
     whole = [bools(1, 1, 1, 1), bools(0, 1, 0, 0)]
     for kept, tasks in ((True, 1), (False, 2)):
         check = check_of(tables([1] * 4, free=free_, levels=whole), kept=kept)
-        assert len(list(check.show_levels(5))) == tasks
+        assert len(list(check.levels_tasks(5))) == tasks
     shown = [("of commands", lambda _: iter(()))] * 2
     monkeypatch.setattr(estimates_and_shield, "shield_inclusions", lambda *_: shown)
     check = check_of(tables([1] * 4, free=free_, levels=good), symbol=SimpleNamespace(shield=1))
-    assert len(list(check.show_levels(5))) == 4
+    assert len(list(check.levels_tasks(5))) == 4
 
 
 def test_each_level_is_shown_from_the_one_before(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -198,10 +200,10 @@ def test_each_level_is_shown_from_the_one_before(monkeypatch: pytest.MonkeyPatch
 
     monkeypatch.setattr(estimates_and_shield, "FreeCheck", lambda *of: of)
     monkeypatch.setattr(estimates_and_shield, "eroded_cells", lambda _m, _g, cells: cells)
-    monkeypatch.setattr(estimates_and_shield, "estimates_of_outside", noted)
+    monkeypatch.setattr(estimates_and_shield, "estimates_of_states_outside", noted)
     monkeypatch.setattr(estimates_and_shield, "estimates_driven_out", noted)
     check = check_of(group, levels=4)
-    assert [task() for task, _ in check.show_levels(7)] == [""] * 3
+    assert [task() for task, _ in check.levels_tasks(7)] == [""] * 3
     first, *others = shown
     assert first[:2] == (check.model, group)
     assert first[2] is levels[0]
@@ -210,13 +212,15 @@ def test_each_level_is_shown_from_the_one_before(monkeypatch: pytest.MonkeyPatch
         assert phase == (check.model, group, 7)
         assert claimed is levels[k]
         assert calm.members is levels[k - 1]
-        assert block == LINE.whole
+        assert block == LINE.all_cells
 
 
 def test_what_is_known_from_the_beginning(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(grid_group, "points_inwards", lambda *_: True)
+    monkeypatch.setattr(grid_group, "is_grid_never_left", lambda *_: True)
     compiled: list[int] = []
-    monkeypatch.setattr(grid_group, "ChainCheck", lambda *_: SimpleNamespace(chain=compiled.append))
+    monkeypatch.setattr(
+        grid_group, "ChainCheck", lambda *_: SimpleNamespace(compiled_chain=compiled.append)
+    )
     check = GridCheck(None, tables([0, 1, 2, 0]), None)  # type: ignore[arg-type]
     assert check.kernel.members.tolist() == [False, True, True, False]
     assert check.allowed.tolist() == [True] * 4
@@ -225,7 +229,7 @@ def test_what_is_known_from_the_beginning(monkeypatch: pytest.MonkeyPatch) -> No
     assert compiled == [group_claims.PIECES[0]]
     every, some = (Cells(LINE, bools(1, 1, 1, last)) for last in (1, 0))
     for sets, fine in (((every,), True), ((some,), False), ((every, some), False)):
-        assert check.never_left(*sets) is fine
+        assert check.are_never_left(*sets) is fine
 
 
 # ---------------------------------------------------------------- ranks
@@ -272,35 +276,35 @@ def test_which_ranks_fit(monkeypatch: pytest.MonkeyPatch) -> None:
         (([1, 0, 0, 0], [1, 1, 3, 0], [0, 1, 2, 0], [1, 1, 1, 0]), "nowhere to go"),
     ):
         check = check_of(with_ranks(*args))
-        found = fails(lambda check=check: check.show_return(calm))  # type: ignore[misc]
+        found = fails(lambda check=check: check.return_tasks(calm))  # type: ignore[misc]
         assert (said in found) if said else not found
         if not said:
-            assert len(list(check.show_return(calm))) == 2
+            assert len(list(check.return_tasks(calm))) == 2
     for missing in ("home", "rank", "rank_holds"):
         group = with_ranks(*good)
         setattr(group, missing, None)
-        assert "Q and W" in fails(lambda group=group: check_of(group).show_return(calm))  # type: ignore[misc]
+        assert "Q and W" in fails(lambda group=group: check_of(group).return_tasks(calm))  # type: ignore[misc]
     group = with_ranks(*good)
-    assert "table of the DM" in fails(lambda: check_of(group).show_return(None))
+    assert "table of the DM" in fails(lambda: check_of(group).return_tasks(None))
     group.given_back = bools(1, 0, 0, 0)
-    assert len(list(check_of(group).show_return(None))) == 2
+    assert len(list(check_of(group).return_tasks(None))) == 2
     group.given_back = bools(0, 1, 1, 1)
-    assert "Q holds cells" in fails(lambda: check_of(group).show_return(None))
+    assert "Q holds cells" in fails(lambda: check_of(group).return_tasks(None))
     everywhere = Cells(LINE, bools(1, 1, 1, 1))
     whole = with_ranks([1] * 4, [1] * 4, [0] * 4)
     for kept, tasks in ((True, 0), (False, 2)):
-        assert len(list(check_of(whole, kept=kept).show_return(everywhere))) == tasks
-    assert len(list(check_of(with_ranks(*good), kept=True).show_return(calm))) == 2
+        assert len(list(check_of(whole, kept=kept).return_tasks(everywhere))) == tasks
+    assert len(list(check_of(with_ranks(*good), kept=True).return_tasks(calm))) == 2
 
 
 def test_a_way_back_over_finer_cells_needs_the_table_of_the_dm() -> None:
     group = tables([1] * 4, finer=LINE)
-    assert "cells of its own" in fails(lambda: check_of(group).show_return(None))
+    assert "cells of its own" in fails(lambda: check_of(group).return_tasks(None))
 
 
 def test_no_way_back_is_shown_where_sc_rests() -> None:
     with pytest.raises(NotRecheckedError, match="cells at rest"):
-        list(check_of(tables([RESTS, 1, 1, 1])).show_return(None))
+        list(check_of(tables([RESTS, 1, 1, 1])).return_tasks(None))
 
 
 # ---------------------------------------------------------------- the start
@@ -316,7 +320,7 @@ def test_a_start_is_looked_at_unless_nothing_leaves(
         asked.append((float(box[0][0]), float(box[0][1]), within.size, pieces))
         return stays
 
-    monkeypatch.setattr(grid_group, "FreeCheck", lambda *_: SimpleNamespace(stays=stays_in))
+    monkeypatch.setattr(grid_group, "FreeCheck", lambda *_: SimpleNamespace(stays_in=stays_in))
     for core, kept, high, looked in (
         ([1] * 4, True, 2.0, False),
         ([1] * 4, True, 5.0, True),
@@ -326,7 +330,7 @@ def test_a_start_is_looked_at_unless_nothing_leaves(
         asked.clear()
         states = [SimpleNamespace(low=1.0, high=high, name="x")]
         check = check_of(tables(core), kept=kept, states=states)
-        said = fails(lambda check=check: check.show_start(5))  # type: ignore[misc]
+        said = fails(lambda check=check: check.start_tasks(5))  # type: ignore[misc]
         assert ("may leave K" in said) is (looked and not stays)
         finest = group_claims.FREE_PIECES[-1]
         assert asked == ([(1.0, high, sum(core), finest)] if looked else [])

@@ -131,12 +131,12 @@ def read_groups(
             entry=entry, states=axes.states, grid=axes.grid
         ),
     )
-    monkeypatch.setattr(rechecker, "group_on_cells", lambda: group)
+    monkeypatch.setattr(rechecker, "import_grid_group", lambda: group)
     facts = copy.copy(facts)
     facts.extents = ((-3.0, 3.0), (-1.0, 1.0))
     for name, value in kinds.items():
         setattr(facts, name, value)
-    certificate: Any = SimpleNamespace(edges=tuple)
+    certificate: Any = SimpleNamespace(breakpoints=tuple)
     return rechecker.read_groups(certificate, facts, entries)
 
 
@@ -221,15 +221,17 @@ def test_why_something_is_not_rechecked() -> None:
         (MemoryError("much"), "memoryerror: much"),
         (ValueError("odd"), "the re-checker itself failed (ValueError: odd)"),
     ):
-        assert rechecker.failure_reason(error).startswith(words)
-        assert ("itself failed" in rechecker.failure_reason(error)) is isinstance(error, ValueError)
+        assert rechecker.reason_in_words(error).startswith(words)
+        assert ("itself failed" in rechecker.reason_in_words(error)) is isinstance(
+            error, ValueError
+        )
 
 
 @pytest.mark.parametrize("reasons", [[""], ["", ""], ["x"], ["", "x"], ["x", "y"]])
 def test_all_modules_are_rechecked_or_it_is_not_accepted(reasons: list[str]) -> None:
     report = Report()
     report.modules = [RecheckedModule(f"M{k}", {}, not_rechecked=r) for k, r in enumerate(reasons)]
-    rechecker._conclude(report)
+    rechecker._set_verdict(report)
     left = [f"M{k}: {r}" for k, r in enumerate(reasons) if r]
     assert report.verdict == (NOT_RECHECKED if left else ACCEPTED)
     assert report.reason == "; ".join(left)
@@ -303,7 +305,7 @@ class Checked:
         self.looked_at: list[Any] = []
         program = SimpleNamespace(sha256="hash")
         checked = SimpleNamespace(program=program)
-        monkeypatch.setattr(rechecker, "program_of", lambda _: (checked, {}))
+        monkeypatch.setattr(rechecker, "read_program", lambda _: (checked, {}))
         monkeypatch.setattr(rechecker, "_check_entry", self.entry)
         monkeypatch.setattr(rechecker, "open_questions", lambda *_: [])
         monkeypatch.setattr(rechecker, "_require_all_views", lambda f, _: self.looked_at.append(f))
@@ -320,7 +322,9 @@ class Checked:
         modules = [
             {"module": f"M{k}", "system": "S", **(first if k == 0 else {})} for k in range(2)
         ]
-        certificate: Any = SimpleNamespace(manifest={**keys, "modules": modules}, unused=unused)
+        certificate: Any = SimpleNamespace(
+            manifest={**keys, "modules": modules}, unused_tables=unused
+        )
         report = Report()
         rechecker._check_certificate(certificate, report, 1)
         return report
@@ -372,7 +376,7 @@ def test_a_module_stands_there_once(monkeypatch: pytest.MonkeyPatch) -> None:
         return own
 
     rows = [("S", "M", ""), ("S", "M", "near"), ("T", "M", ""), ("S", "N", ""), ("S", "M", None)]
-    for name in ("_system_of_entry", "parameters_of"):
+    for name in ("_system_of_entry", "param_values"):
         monkeypatch.setattr(rechecker, name, lambda *_: None)
     monkeypatch.setattr(rechecker, "other_values_in_program", lambda *_: ([], []))
     monkeypatch.setattr(rechecker, "_check_module", lambda *_: SimpleNamespace())
@@ -397,7 +401,7 @@ def test_a_module_of_a_whole_proof_is_checked_by_its_method(
         flying=SimpleNamespace(name="S"), flying_module=SimpleNamespace(name="M")
     )
     monkeypatch.setattr(rechecker, "_system_of_entry", lambda *_: "system")
-    monkeypatch.setattr(rechecker, "parameters_of", lambda of: of)
+    monkeypatch.setattr(rechecker, "param_values", lambda of: of)
     monkeypatch.setattr(rechecker, "other_values_in_program", lambda *_: (["a"], ["b"]))
     monkeypatch.setattr(rechecker, "_check_module", lambda *_: pytest.fail("no groups there"))
     asked = []

@@ -18,7 +18,7 @@ from soter.certificate.grid.flow_enclosures import (
     LocalFlow,
     SolvedFlow,
     largest_row_sum,
-    rounded_outwards,
+    round_outwards,
 )
 from soter.certificate.reading.linear_flows import LinearFlow, integrals
 from soter.certificate.terms.compile_terms import compile_lines
@@ -89,10 +89,10 @@ def test_a_box_is_cut_at_kept_ends_alone(kept: tuple[bool, ...]) -> None:
             box, [(-2.0, 6.0), (-4.0, 4.0)], (kept[:2], kept[2:]), strict=True
         )
     ]
-    assert floats(ends.clip(balls(box))) == wanted
+    assert floats(ends.clip_at_kept_ends(balls(box))) == wanted
     inside = [(-1.0, 1.0), (0.0, 2.0)]
-    assert floats(ends.clip(balls(inside))) == inside
-    assert floats(KeptEnds(MODEL, (1, 0), ()).clip(balls(box))) == box
+    assert floats(ends.clip_at_kept_ends(balls(inside))) == inside
+    assert floats(KeptEnds(MODEL, (1, 0), ()).clip_at_kept_ends(balls(box))) == box
 
 
 def test_a_flow_is_asked_where_it_is_defined_alone() -> None:
@@ -104,13 +104,13 @@ def test_a_flow_is_asked_where_it_is_defined_alone() -> None:
                         ((2.0, 1.0), False), ((1.0, 1.0), True)):  # fmt: skip
         for second, also in (((-4.0, 8.0), True), ((0.0, 8.5), False), ((-4.1, 0.0), False)):
             if fine and also:
-                lines = flow.lines(balls([first, second]), command)
+                lines = flow.derivative_rows(balls([first, second]), command)
                 low, high = second
                 rates = [(low, high), (1 - 2 * high - 3, 1 - 2 * low + 3)]
                 assert floats(flow.rates(lines)) == rates
             else:
                 with pytest.raises(NotCertainError):
-                    flow.lines(balls([first, second]), command)
+                    flow.derivative_rows(balls([first, second]), command)
 
 
 @pytest.mark.parametrize(("start", "end"), [(0.0, 0.5), (-0.5, 0.0), (-0.25, 0.5), (0.0, 0.0)])
@@ -118,12 +118,12 @@ def test_states_move_as_far_as_rates_say(start: float, end: float) -> None:
     flow = local(lag)
     for p, q in itertools.combinations_with_replacement((-2.0, -1.0, 0.0, 0.5, 4.0), 2):
         box = [(-1.0, 1.0), (2.0, 2.0)]
-        moved = flow._moved_box(balls(box), balls([(p, q)] * 2), exact(start), exact(end))
+        moved = flow._box_during_span(balls(box), balls([(p, q)] * 2), exact(start), exact(end))
         ways = [t * r for t in (start, 0.0, end) for r in (p, q)]
         wanted = [(low + min(ways), high + max(ways)) for low, high in box]
         assert floats(moved) == wanted
     kept = local(lag, kept=[(True, False), (False, True)])
-    moved = kept._moved_box(balls([(-4.0, 4.0)] * 2), balls([(-9.0, 9.0)] * 2), ZERO, ONE)
+    moved = kept._box_during_span(balls([(-4.0, 4.0)] * 2), balls([(-9.0, 9.0)] * 2), ZERO, ONE)
     assert floats(moved) == [(-4.0, 13.0), (-13.0, 6.0)]
 
 
@@ -150,8 +150,8 @@ def test_what_is_around_a_box_holds_what_its_own_rates_make_of_it(
         box = [(float(a), float(a + s)) for a, s in zip(low, draw.uniform(0, 1, 2), strict=True)]
         command = [(-1.0, float(draw.uniform(-1, 1)))]
         found = flow.enclose(balls(box), balls(command), *span)
-        lines = flow.lines(found.box, balls(command))
-        own = flow._moved_box(balls(box), flow.rates(lines), exact(span[0]), exact(span[1]))
+        lines = flow.derivative_rows(found.box, balls(command))
+        own = flow._box_during_span(balls(box), flow.rates(lines), exact(span[0]), exact(span[1]))
         for (a, b), (c, d), (e, f) in zip(found.box, own, box, strict=True):
             assert a <= c <= e
             assert f <= d <= b
@@ -183,7 +183,7 @@ def test_a_box_has_to_hold_what_comes_of_it(monkeypatch: pytest.MonkeyPatch) -> 
         flow.enclose(box, command, start, Fraction(1, 16))
         assert hairs
         assert all(hair > 0 if start < 0 else hair.is_zero() for hair in hairs)
-    monkeypatch.setattr(flow_enclosures, "_within", lambda *_: False)
+    monkeypatch.setattr(flow_enclosures, "_is_within", lambda *_: False)
     with pytest.raises(NotCertainError):
         flow.enclose(box, command, Fraction(0), Fraction(1, 1024))
 
@@ -191,7 +191,7 @@ def test_a_box_has_to_hold_what_comes_of_it(monkeypatch: pytest.MonkeyPatch) -> 
 def test_a_linear_model_is_that_of_the_rows_and_stands_where_nothing_moves() -> None:
     flow = local(lambda terms, x, y, u: [terms.constant(0.0), *lag(terms, x, y, u)[1:]])
     box, command = balls([(0.0, 1.0), (-1.0, 2.0)]), balls([(-1.0, 0.5)])
-    found = flow.enclosure(box, command, flow.lines(box, command))
+    found = flow.enclosure_by_rows(box, command, flow.derivative_rows(box, command))
     assert [found.has_zero_rate(i) for i in (0, 1)] == [True, False]
     assert [[float(x) for x in row] for row in found.a] == [[0.0, 0.0], [0.0, -2.0]]
     assert [[float(x) for x in row] for row in found.b] == [[0.0], [3.0]]
@@ -203,7 +203,7 @@ def test_a_linear_model_is_that_of_the_rows_and_stands_where_nothing_moves() -> 
     for rates in ([(ZERO, ONE)], [(-ONE, ZERO)], [(ZERO, Builder().input(0))]):
         assert not Enclosure([], [], [], [], [], rates, []).has_zero_rate(0)
     lines = [exact(x) for x in (1.0, 2.0, 3.0, 0.5, 0.25, 0.0, 0.0, *[1.0] * 5, -1.0, 0.0)]
-    made = flow.enclosure(box, command, lines)
+    made = flow.enclosure_by_rows(box, command, lines)
     assert [float(x) for x in (*made.a[0], *made.b[0], made.constant[0], made.noise[0])] == [
         0.0
     ] * 5
@@ -213,7 +213,7 @@ def test_a_linear_model_is_that_of_the_rows_and_stands_where_nothing_moves() -> 
     assert floats(made.rates) == [(0.0, 0.0), (-1.0, 0.0)]
     # of a model that is not linear: noise, and a state of which its own rate is told apart
     bent = local(swirl)
-    found = bent.enclosure(box, command, bent.lines(box, command))
+    found = bent.enclosure_by_rows(box, command, bent.derivative_rows(box, command))
     draw = np.random.default_rng(2)
     for _ in range(50):
         x, y, u = (float(draw.uniform(a, b)) for a, b in ((0, 1), (-1, 2), (-1, 0.5)))
@@ -241,22 +241,22 @@ def test_where_states_are_in_the_end_is_known_twice() -> None:
 def test_into_how_many_steps_a_span_is_cut(rate: float, span: float, count: int) -> None:
     flow = local(lambda terms, x, _, u: [terms.combine(((exact(rate), x),)), u])
     flow.grid = balls([(-4.0, 4.0), (-2.0, 6.0)])
-    assert flow.steps(Fraction(span)) in (count, count + (rate == 2.4))
+    assert flow.least_steps(Fraction(span)) in (count, count + (rate == 2.4))
     flow.grid = balls([(-4.0, 9.0), (-2.0, 6.0)])
-    assert flow.steps(Fraction(span)) == 2
+    assert flow.least_steps(Fraction(span)) == 2
 
 
 def test_outwards_is_without_a_radius_and_holds_both_ends() -> None:
-    low, high = rounded_outwards(exact(Fraction(1, 3)), exact(Fraction(2, 3)))
+    low, high = round_outwards(exact(Fraction(1, 3)), exact(Fraction(2, 3)))
     assert low.rad().is_zero()
     assert high.rad().is_zero()
     assert not low > exact(Fraction(1, 3))
     assert not high < exact(Fraction(2, 3))
     assert abs(high - low - exact(Fraction(1, 3))) < 1e-30
     assert largest_row_sum(matrix([[1, -2], [-4, 0.5]])) == 4.5
-    assert flow_enclosures._within(balls([(0, 1)] * 2), balls([(0, 1), (-1, 1)]))
+    assert flow_enclosures._is_within(balls([(0, 1)] * 2), balls([(0, 1), (-1, 1)]))
     for box in ([(-0.1, 1), (0, 1)], [(0, 1.1), (0, 1)], [(0, 1), (-1.1, 1)], [(0, 1), (0, 1.1)]):
-        assert not flow_enclosures._within(balls(box), balls([(0, 1), (-1, 1)]))
+        assert not flow_enclosures._is_within(balls(box), balls([(0, 1), (-1, 1)]))
 
 
 # ---------------------------------------------------------------- solutions
@@ -361,7 +361,7 @@ def test_a_linear_flow_has_the_controls_that_it_feels() -> None:
     assert flow.moves == [1]
     assert floats(flow.ranges) == [(-1.0, 3.0)]
     assert [float(x) for x in flow.disturbed] == [0.25, 0.0]
-    assert flow.steps(Fraction(5)) == 1
+    assert flow.least_steps(Fraction(5)) == 1
     assert (SolvedFlow.apart, LocalFlow.apart) == (True, False)
     law = flow.solution_over(None, Fraction(1, 2))  # type: ignore[arg-type]
     decay = math.exp(-0.5)

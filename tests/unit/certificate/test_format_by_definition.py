@@ -18,7 +18,7 @@ from soter.certificate.reading.folder import (
     FORMAT,
     Certificate,
     NotACertificateError,
-    canonical,
+    canonical_json,
     read_certificate,
 )
 from soter.certificate.report import NotRecheckedError, RejectedError
@@ -54,16 +54,16 @@ def of_files(folder: Path, **contents: bytes) -> Certificate:
 def test_edges_that_are_none(tmp_path: Path, numbers: tuple[float, ...]) -> None:
     data = struct.pack(f"<{len(numbers)}d", *numbers)
     with pytest.raises(RejectedError):
-        of_files(tmp_path, x=data).edges("sets/x")
+        of_files(tmp_path, x=data).breakpoints("sets/x")
 
 
 def test_edges_are_eight_bytes_each_and_rise(tmp_path: Path) -> None:
     for numbers in ((1.0, 2.0), (-1e300, 0.0, 5e-324, 1e300)):
         data = struct.pack(f"<{len(numbers)}d", *numbers)
-        assert of_files(tmp_path, x=data).edges("sets/x") == numbers
+        assert of_files(tmp_path, x=data).breakpoints("sets/x") == numbers
         for other in (data + b"\0", data[:-1], data + b"\0" * 7):
             with pytest.raises(RejectedError, match="no breakpoints"):
-                of_files(tmp_path, x=other).edges("sets/x")
+                of_files(tmp_path, x=other).breakpoints("sets/x")
 
 
 def test_a_table_has_a_number_for_each_cell(tmp_path: Path) -> None:
@@ -73,12 +73,12 @@ def test_a_table_has_a_number_for_each_cell(tmp_path: Path) -> None:
         count = math.prod(shape)
         numbers = [(7 * k) % 256 for k in range(count)]
         data = b"".join(n.to_bytes(size, "little") for n in numbers)
-        table = of_files(tmp_path, x=data).numbers("sets/x", shape, kind)
+        table = of_files(tmp_path, x=data).number_table("sets/x", shape, kind)
         assert table.shape == shape
         assert table.ravel().tolist() == numbers
         for other in (data[:-1], data + b"\0", b""):
             with pytest.raises(RejectedError, match="size"):
-                of_files(tmp_path, x=other).numbers("sets/x", shape, kind)
+                of_files(tmp_path, x=other).number_table("sets/x", shape, kind)
 
 
 @pytest.mark.parametrize("shape", [(1,), (7,), (8,), (9,), (3, 5), (2, 2, 2), (4, 4)])
@@ -86,33 +86,33 @@ def test_a_set_has_a_bit_for_each_cell(tmp_path: Path, shape: tuple[int, ...]) -
     count = math.prod(shape)
     for pattern in (0, 1, 1 << (count - 1), 0b10110 % (1 << count), (1 << count) - 1):
         size = (count + 7) // 8
-        found = of_files(tmp_path, x=pattern.to_bytes(size, "little")).bits("sets/x", shape)
+        found = of_files(tmp_path, x=pattern.to_bytes(size, "little")).set_of_cells("sets/x", shape)
         assert found.shape == shape
         assert found.ravel().tolist() == [bool(pattern >> k & 1) for k in range(count)]
         for bit in range(count, 8 * size):
             data = (pattern | 1 << bit).to_bytes(size, "little")
             with pytest.raises(RejectedError, match="behind the last cell"):
-                of_files(tmp_path, x=data).bits("sets/x", shape)
+                of_files(tmp_path, x=data).set_of_cells("sets/x", shape)
 
 
 def test_a_table_is_named_as_it_is_and_noted(tmp_path: Path) -> None:
     contents = {"sets/a": b"a", "sets/b": b"b", "program/c": b"c", "sets/d": b"d"}
     certificate = Certificate(tmp_path, {}, contents, set())
-    assert certificate.plain("sets/b") == b"b"
-    assert certificate.unused == ["sets/a", "sets/d"]
+    assert certificate.table_bytes("sets/b") == b"b"
+    assert certificate.unused_tables == ["sets/a", "sets/d"]
     for path in ("program/c", "sets/e", "a", 3, None, ["sets/a"], b"sets/a"):
         with pytest.raises(RejectedError, match="no table"):
-            certificate.plain(path)
-    assert certificate.unused == ["sets/a", "sets/d"]
+            certificate.table_bytes(path)
+    assert certificate.unused_tables == ["sets/a", "sets/d"]
 
 
 # ---------------------------------------------------------------- the manifest
 
 
 def test_canonical_is_one_way_to_write_it() -> None:
-    assert canonical({"b": [1, "\xe9"], "a": None}) == b'{"a":null,"b":[1,"\\u00e9"]}\n'
+    assert canonical_json({"b": [1, "\xe9"], "a": None}) == b'{"a":null,"b":[1,"\\u00e9"]}\n'
     with pytest.raises(ValueError, match="JSON"):
-        canonical(math.nan)
+        canonical_json(math.nan)
 
 
 @pytest.mark.parametrize(
@@ -137,7 +137,7 @@ def test_a_manifest_that_is_none(raw: bytes) -> None:
 
 def test_a_manifest_is_what_it_says() -> None:
     manifest = {"a": [1, {"b": 2.5}], "c": ""}
-    assert folders._parse_manifest(canonical(manifest)) == manifest
+    assert folders._parse_manifest(canonical_json(manifest)) == manifest
 
 
 @pytest.mark.parametrize("given", [True, False, "2", 2.0, None, [], 0, -1])
@@ -162,7 +162,7 @@ def sealed(folder: Path, contents: dict[str, bytes], **manifest: Any) -> Path:
     for name, data in contents.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_bytes(data)
-    raw = canonical({"schema": FORMAT, "files": hashes, **manifest})
+    raw = canonical_json({"schema": FORMAT, "files": hashes, **manifest})
     (folder / "manifest.json").write_bytes(raw)
     (folder / "SEAL").write_text(hashlib.sha256(raw).hexdigest() + "\n")
     return folder
@@ -304,13 +304,13 @@ def test_only_a_plain_file_is_read(tmp_path: Path, kind: str) -> None:
         with pytest.raises(RejectedError, match="neither a file nor a folder"):
             folders._file_sizes(tmp_path)
     with pytest.raises((RejectedError, NotRecheckedError)):
-        folders._read(tmp_path, "x", 0)
+        folders._read_file(tmp_path, "x", 0)
 
 
 def test_what_the_system_refuses_is_not_read(tmp_path: Path) -> None:
     for ask in (
-        lambda: list(folders._entries(tmp_path / "none")),
-        lambda: folders._read(tmp_path, "none", 0),
+        lambda: list(folders._folder_entries(tmp_path / "none")),
+        lambda: folders._read_file(tmp_path, "none", 0),
     ):
         with pytest.raises(NotRecheckedError, match="cannot be read"):
             ask()
@@ -328,14 +328,16 @@ def test_each_part_rests_on_a_claim_that_is_made() -> None:
             wrong = (part == "S" and not computed) or claim not in rests.get(part, {claim})
             if part == "S" and computed:
                 wrong = False
-            found = proof_methods.unclaimed({"kind": "grid", part: []}, {claim}, computed=computed)
+            found = proof_methods.parts_without_claim(
+                {"kind": "grid", part: []}, {claim}, computed=computed
+            )
             assert found == ([part] if wrong else [])
             groups = [{"kind": "grid"}, {"kind": "grid", part: []}]
             if wrong:
                 with pytest.raises(RejectedError, match=f"`{part}`"):
-                    proof_methods.refuse_unclaimed(groups, {claim}, computed=computed)
+                    proof_methods.refuse_parts_without_claim(groups, {claim}, computed=computed)
             else:
-                proof_methods.refuse_unclaimed(groups, {claim}, computed=computed)
+                proof_methods.refuse_parts_without_claim(groups, {claim}, computed=computed)
 
 
 @pytest.mark.parametrize("claim", ["P2a", "start", "P2b", "P3", "ttf", "safer", "P1a"])

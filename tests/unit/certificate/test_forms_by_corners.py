@@ -16,7 +16,7 @@ from soter.certificate.grid.chain_form_layout import (
     FormLayout,
     StateRows,
     absolute_sum,
-    hull_of,
+    interval_hull,
 )
 from soter.certificate.grid.flow_chains import (
     DEPTH_MAX,
@@ -86,8 +86,8 @@ def test_rows_are_matrices() -> None:
     assert float(sum_of_sizes(matrix(a)[0], matrix(abs(a))[1])) == abs(a[0]) @ abs(a[1])
     assert sum_of_sizes(matrix(a)[0], []) == 0
     assert float(absolute_sum(matrix(a)[0])) == abs(a[0]).sum()
-    assert floats([hull_of(balls([(0.0, 1.0), (-2.0, 0.5), (-1.0, 3.0)]))]) == [(-2.0, 3.0)]
-    assert floats([hull_of(balls([(0.0, 1.0)]))]) == [(0.0, 1.0)]
+    assert floats([interval_hull(balls([(0.0, 1.0), (-2.0, 0.5), (-1.0, 3.0)]))]) == [(-2.0, 3.0)]
+    assert floats([interval_hull(balls([(0.0, 1.0)]))]) == [(0.0, 1.0)]
     for one, other, gap in (
         ((0, 1), (3, 5), 5),
         ((3, 5), (0, 1), 5),
@@ -105,14 +105,14 @@ def test_a_form_is_opened_and_closed_with_all_that_is_in_it(q: int, depth: int) 
     """Every corner of an opened form, a random motion of it, and rests that are reached."""
     n, draw = 2, np.random.default_rng(q + 5 * depth)
     layout, count, memories = FormLayout(n, q, depth), n + q * depth, q * depth
-    assert layout.length(fresh=True) == (4 + n) * n
-    assert layout.length(fresh=False) == (4 + n) * count + n * memories
+    assert layout.form_length(fresh=True) == (4 + n) * n
+    assert layout.form_length(fresh=False) == (4 + n) * count + n * memories
     centre, symbols = draw.uniform(-1, 1, count), draw.uniform(-1, 1, (count, n))
     rests, common = draw.uniform(0.1, 1, count), draw.uniform(-1, 1, (memories, n))
     ranges = [(float(-k - 1), float(k + 1)) for k in range(count)]
     flat = [*(x for r in ranges for x in r), *centre, *symbols.reshape(-1), *rests]
     form = tuple(exact(float(x)) for x in (*flat, *common.reshape(-1)))
-    start = layout.open(form, None)
+    start = layout.take_apart(form, None)
     assert floats(start.ranges) == ranges
     width = 1 + n + count + q
 
@@ -135,8 +135,8 @@ def test_a_form_is_opened_and_closed_with_all_that_is_in_it(q: int, depth: int) 
     box = balls([(-10.0, 10.0), (-20.0, 20.0)])
     way = StateRows(matrix(rows), [exact(float(x)) for x in rest], box)
     new = CommandRows(matrix(answers), balls([(-30.0 - k, 30.0) for k in range(q)]))
-    after = layout.close(start, way, new)
-    assert len(after) == layout.length(fresh=False)
+    after = layout.put_together(start, way, new)
+    assert len(after) == layout.form_length(fresh=False)
     made = np.array([float(x) for x in after])
     wanted_ranges = [*floats(box), *(floats(new.ranges) if depth else [])]
     wanted_ranges += ranges[n : n + q * (depth - 1)] if depth else []
@@ -162,7 +162,9 @@ def test_a_form_is_opened_and_closed_with_all_that_is_in_it(q: int, depth: int) 
                                                   (10, 1, 0), (17, 4, 2)])  # fmt: skip
 @all_rows("felt", [True, False])
 def test_how_many_commands_a_form_carries(d: int, early: int, late: int, felt: bool) -> None:
-    flow: Any = SimpleNamespace(moves=[0] if felt else [], steps=lambda _: 1, ranges=[], apart=True)
+    flow: Any = SimpleNamespace(
+        moves=[0] if felt else [], least_steps=lambda _: 1, ranges=[], apart=True
+    )
     given = Times(Fraction(10), Fraction(d), Fraction(early), Fraction(late))
     chain = FlowChain(MODEL, (0, 1), flow, given)
     reach = d + early + late if felt else 0
@@ -174,7 +176,7 @@ def test_how_many_commands_a_form_carries(d: int, early: int, late: int, felt: b
     early_, span = (early, early + late) if felt else (0, 0)
     for apart, count, fresh in itertools.product((True, False), (1, 3), (True, False)):
         flow.apart = apart
-        spans = chain.spans(count, fresh=fresh)
+        spans = chain.steps(count, fresh=fresh)
         whole = 10 - early_ if fresh else 10
         handed = 0 if fresh else span
         assert sum(length for length, _ in spans) == whole
@@ -189,7 +191,7 @@ def test_how_many_commands_a_form_carries(d: int, early: int, late: int, felt: b
 
 
 def test_a_form_carries_so_many_commands_and_no_more() -> None:
-    flow: Any = SimpleNamespace(moves=[0], steps=lambda _: 1, ranges=[])
+    flow: Any = SimpleNamespace(moves=[0], least_steps=lambda _: 1, ranges=[])
     for over, fine in ((0, True), (1, False)):
         given = Times(Fraction(1), Fraction(DEPTH_MAX) + Fraction(over, 10))
         if fine:

@@ -13,11 +13,11 @@ import pytest
 from flint import arb
 
 import soter
-from soter.certificate.extras.prelude_functions import FUNCTIONS, PRELUDE, prelude
+from soter.certificate.extras.prelude_functions import FUNCTIONS, PRELUDE, prelude_function
 from soter.certificate.reading.symbolic_operations import Operations
 from soter.certificate.terms import linear_enclosures
 from soter.certificate.terms.compile_terms import compile_step, form_of_box
-from soter.certificate.terms.linear_enclosures import exact, lines_over
+from soter.certificate.terms.linear_enclosures import exact, line_function
 from soter.certificate.terms.terms import Terms
 from soter.language.prelude.function_error_bounds import BOUNDS
 
@@ -102,7 +102,7 @@ def escapes(name: str, *, rounded: bool, computed: Callable[..., float]) -> list
     """Points at which a value is not in the range, or not about the line; how many were known."""
     of, draw, made = MEANT[name], np.random.default_rng(len(name)), Terms()
     inputs = [made.add_input("state", "x", exact(a), exact(b)) for a, b in of.ranges]
-    value = prelude(Operations(made, rounded=rounded), name, *inputs)
+    value = prelude_function(Operations(made, rounded=rounded), name, *inputs)
     n, places = len(inputs), [x.atom for x in inputs]
     must = [*made.obligations, *value.rests]
     step = compile_step(made, places, n, [value], ranges=[value], must=must)
@@ -161,7 +161,7 @@ def test_an_enclosure_that_is_too_narrow_by_a_billionth_of_a_thousandth_is_left(
     """So the test above is able to fail: for its line, and for its range."""
     kind = MEANT[name].kind or name
     core = linear_enclosures.FUNCTIONS
-    whole = lines_over(kind)
+    whole = line_function(kind)
 
     def narrow(*box: arb) -> tuple[arb, ...]:
         *slopes, spread, least, most = whole(*box)
@@ -179,7 +179,7 @@ def test_an_enclosure_that_is_too_narrow_by_a_billionth_of_a_thousandth_is_left(
 def test_a_whole_power_is_one_of_negative_numbers_too(n: int) -> None:
     made = Terms()
     x = made.add_input("state", "x", exact(-2.0), exact(2.0))
-    value = prelude(Operations(made, rounded=True), "pow", x, float(n))
+    value = prelude_function(Operations(made, rounded=True), "pow", x, float(n))
     assert (made.obligations, value.rests) == ([], ())
     step: Any = compile_step(made, [0], 1, [value], ranges=[value])
     for low, high in ((-2.0, 2.0), (-1.5, -0.5), (-0.25, 0.5), (0.0, 1.0), (-1.0, 0.0)):
@@ -188,7 +188,7 @@ def test_a_whole_power_is_one_of_negative_numbers_too(n: int) -> None:
         assert least <= min(values)
         assert max(values) <= most
         assert most - least < max(values) - min(values) + 1e-12
-    assert prelude(Operations(made, rounded=True), "pow", x, n + 0.5).rests
+    assert prelude_function(Operations(made, rounded=True), "pow", x, n + 0.5).rests
 
 
 def test_a_power_of_zero_is_known_for_exponents_above_it_alone() -> None:

@@ -63,7 +63,9 @@ def test_tables_are_read_where_they_are_named() -> None:
     core = np.array([1, 2, 0, 1], dtype=np.uint8)
     facts: Any = SimpleNamespace(at_rest=False)
     certificate: Any = SimpleNamespace(
-        numbers=numbers, bits=lambda path, shape: ("bits", path, shape), count=lambda _: None
+        number_table=numbers,
+        set_of_cells=lambda path, shape: ("bits", path, shape),
+        count_cells=lambda _: None,
     )
     axes: Any = SimpleNamespace(states=(0,), grid=LINE)
     entry = {"K": "k", "R": "r", "Q": "q", "W": "w", "W_N": "n", "S": ["s", "t"]}
@@ -91,7 +93,8 @@ def test_a_table_of_the_dm_is_that_of_all_cases() -> None:
 
     def said(entry: Any, *groups: GroupTables, plain: bytes = data, edges: Any = None) -> str:
         given: Any = SimpleNamespace(
-            plain=lambda _: plain, edges=lambda _: LINE.edges[0] if edges is None else edges
+            table_bytes=lambda _: plain,
+            breakpoints=lambda _: LINE.edges[0] if edges is None else edges,
         )
         compare: Any = estimates_and_shield.compare_table
         return fails(lambda: compare(given, facts, groups, entry) or ())
@@ -129,7 +132,7 @@ def test_what_is_of_a_shield_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(estimates_and_shield, "command_cells", lambda _: 2)
     monkeypatch.setattr(estimates_and_shield, "read_tops", lambda data, group, n: (data, group, n))
     facts: Any = SimpleNamespace(controls=[SimpleNamespace(name=n) for n in ("push", "pull")])
-    given: Any = SimpleNamespace(plain=lambda path: path)
+    given: Any = SimpleNamespace(table_bytes=lambda path: path)
     for name, index in (("push", 0), ("pull", 1), (None, None)):
         group = tables([1] * 4)
         estimates_and_shield.read_shield(given, facts, group, {"command": name, "commands": "c"})
@@ -158,7 +161,7 @@ def test_a_few_cells_of_k_are_tried(claims: set[str], monkeypatch: pytest.Monkey
     led: list[Any] = []
     stayed: list[Any] = []
     free_check = SimpleNamespace(
-        stays=lambda box, _w, pieces: stayed.append((float(box[0][0]), pieces))
+        stays_in=lambda box, _w, pieces: stayed.append((float(box[0][0]), pieces))
     )
     monkeypatch.setattr(trial, "FreeCheck", lambda *_: free_check)
     for core, wanted in (
@@ -171,11 +174,11 @@ def test_a_few_cells_of_k_are_tried(claims: set[str], monkeypatch: pytest.Monkey
         stayed.clear()
         check = check_of(tables(core), times={"H_ns": 5})
         check.chains = SimpleNamespace(
-            leads=lambda box, holds, within, target, pieces: led.append(
+            leads_to=lambda box, holds, within, target, pieces: led.append(
                 (float(box[0][0]), holds, float(box[0][1]), within.size, target([0.0, 4.0]), pieces)
             )
         )
-        trial.follow_few(check, claims)
+        trial.follow_few_cells(check, claims)
         assert [(a, n) for a, n, *_ in led] == wanted
         assert all((b - a, n, t, p) == (1.0, 4, True, 1) for a, _, b, n, t, p in led)
         assert stayed == ([(a, 4) for a, _ in wanted] if claims & FREE else [])
@@ -183,5 +186,5 @@ def test_a_few_cells_of_k_are_tried(claims: set[str], monkeypatch: pytest.Monkey
 
 def test_who_shows_that_rates_are_defined(monkeypatch: pytest.MonkeyPatch) -> None:
     for kept, linear in itertools.product((True, False), repeat=2):
-        monkeypatch.setattr(grid_group, "is_linear", lambda *_, linear=linear: linear)
+        monkeypatch.setattr(grid_group, "has_linear_rates", lambda *_, linear=linear: linear)
         assert check_of(tables([1] * 4), kept=kept).shows_rates_defined is (not kept and not linear)

@@ -16,8 +16,8 @@ from soter.certificate.reading.folder import (
     FORMAT,
     MANIFEST_MAX,
     PROGRAM_MAX,
-    canonical,
-    program_of,
+    canonical_json,
+    read_program,
 )
 from soter.certificate.rechecker import recheck
 from soter.certificate.report import NOT_RECHECKED, REJECTED, RejectedError
@@ -73,7 +73,7 @@ def test_another_format_is_named_and_not_rejected(
 
 def test_another_format_with_a_broken_seal_is_rejected(copied: Path) -> None:
     manifest = json.loads((copied / "manifest.json").read_text()) | {"schema": FORMAT - 1}
-    (copied / "manifest.json").write_bytes(canonical(manifest))
+    (copied / "manifest.json").write_bytes(canonical_json(manifest))
     assert reason_of(copied, REJECTED) == "the seal does not fit the manifest"
 
 
@@ -228,4 +228,4 @@ def test_a_program_that_changes_between_two_readings_is_refused(
     main_file = f"program/{manifest['main']}"
     shutil.copy(other / main_file, copied / main_file)
     with pytest.raises(RejectedError, match="changed while it was being read"):
-        program_of(certificate)
+        read_program(certificate)

@@ -104,7 +104,7 @@ fun result(): float {{
     assert checked.program is not None
     assert checked.ok, checked.diagnostics
     fun = checked.program.funs["result"]
-    result = SolverReading(sight_of_nothing()).call(fun, ())
+    result = SolverReading(sight_of_nothing()).result_of_call(fun, ())
     assert repr(result) == repr(Evaluator({}).function(fun)(Environment(), ()))
 
 
@@ -118,7 +118,7 @@ def test_what_faults_for_sure_is_a_fault_and_no_constant(tmp_path: Path) -> None
     for given in (z3.Int("k"), 1):
         reading = SolverReading(sight_of_nothing())
         body, frame = fun.body or (), CallFrame({k: given})
-        fine, _ = reading.attempt(True, partial(reading.block, body, frame))
+        fine, _ = reading.attempt(True, partial(reading.run_block, body, frame))
         assert not fine
         assert reading.operations.fault is True
 
@@ -133,7 +133,7 @@ def test_of_a_function_of_constants_that_faults_nothing_is_told(tmp_path: Path) 
     fun = checked.program.funs["share"]
     for given, known in ((4.0, True), (0.0, False)):
         reading = SolverReading(sight_of_nothing())
-        value = reading.call(fun, (given,))
+        value = reading.result_of_call(fun, (given,))
         assert (reading.operations.fault, reading.operations.doubt is False) == (False, known)
         assert value == 0.25 if known else z3.is_expr(value)
 
@@ -161,7 +161,7 @@ def test_what_ends_in_an_extern_function_is_no_function(where: str, tmp_path: Pa
     fun, sight = checked.program.funs["asked"], sight_of_nothing()
     (given,) = (unknown_value(p.type, p.name, sight.facts) for p in fun.parameters)
     with pytest.raises(NotRecheckedError, match="extern"):
-        SolverReading(sight).call(fun, (given,))
+        SolverReading(sight).result_of_call(fun, (given,))
 
 
 @pytest.mark.parametrize("age", ["0.1 - 0.09", "0.01 / 2.0", "most(3) - 0.02", "LIMITS[1] - 0.02"])
@@ -341,7 +341,7 @@ def test_arrays_are_read_as_they_are_evaluated(tmp_path: Path, name: str) -> Non
     fun = checked.program.funs[name]
     a, b = z3.Ints("a b")
     reading = SolverReading(sight_of_nothing())
-    result = reading.call(fun, (a, b))
+    result = reading.result_of_call(fun, (a, b))
     (whole,), (wrong,) = terms_of(result), terms_of(reading.operations.fault)
     assert reading.operations.doubt is False
     evaluate = Evaluator({}).function(fun)
@@ -410,7 +410,7 @@ def test_what_is_known_is_what_the_evaluator_gives(seed: int, tmp_path: Path) ->
             terms, solver = Terms(), SolverReading(sight_of_nothing())
             readers: list[CodeReader] = [SymbolicReader(terms, Surroundings({}, {})), solver]
             for reader in readers:
-                assert tried(lambda r=reader, f=fun, x=at: r.call(f, x)) == value, at  # type: ignore[misc]
+                assert tried(lambda r=reader, f=fun, x=at: r.result_of_call(f, x)) == value, at  # type: ignore[misc]
             assert (terms.obligations, solver.operations.fault, solver.operations.doubt) == (
                 [],
                 False,
@@ -423,7 +423,7 @@ def test_what_is_read_of_any_values_is_so_at_each(seed: int, tmp_path: Path) -> 
     for fun in functions(tmp_path, seed):
         reader = SolverReading(sight_of_nothing())
         given = tuple(unknown_value(p.type, p.name, reader.sight.facts) for p in fun.parameters)
-        _, value = reader.attempt(True, lambda r=reader, f=fun, x=given: r.call(f, x))  # type: ignore[misc]
+        _, value = reader.attempt(True, lambda r=reader, f=fun, x=given: r.result_of_call(f, x))  # type: ignore[misc]
         assert reader.operations.doubt is False
         evaluate = Evaluator({}).function(fun)
         for at in POINTS:

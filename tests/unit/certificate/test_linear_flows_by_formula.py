@@ -143,12 +143,12 @@ def test_what_is_added_over_a_span(rate: float) -> None:
     columns = matrix([1.5, -0.5])
     flow = LinearFlow((0,), matrix([rate]), [[]], [ZERO], columns, ())
     for start, end in ((0, 1), (-1, 0), (-2, 1), (0, 0), (1, 2)):
-        (most,) = flow.added(columns, Fraction(start), Fraction(end))
+        (most,) = flow.noise_bounds(columns, Fraction(start), Fraction(end))
         wanted = max(abs(math.expm1(rate * t) / rate) * 2 for t in (min(start, 0), max(end, 0)))
         assert wanted - 1e-9 <= float(most) <= wanted * 1.001 + 1e-9
-    assert flow.added([[]], Fraction(-1), Fraction(1)) == [ZERO]
+    assert flow.noise_bounds([[]], Fraction(-1), Fraction(1)) == [ZERO]
     turning = LinearFlow((0, 1), matrix([0.0, 1.0], [-1.0, 0.0]), [[], []], [ZERO] * 2, [], ())
-    found = turning.added(matrix([1.0], [0.0]), Fraction(0), Fraction(3))
+    found = turning.noise_bounds(matrix([1.0], [0.0]), Fraction(0), Fraction(3))
     for x, y in zip(found, (2 - math.sin(3), 1 - math.cos(3)), strict=True):
         assert y - 1e-9 <= float(x) <= 1.2 * y
 

@@ -15,18 +15,18 @@ from soter.certificate.extras import prelude_functions
 from soter.certificate.terms.linear_enclosures import (
     FUNCTIONS,
     UNIT,
-    above,
-    below,
+    ball_key,
     exact,
     greatest_below,
     hull,
-    key_of,
     larger,
     line_noisy_max0,
     line_or_range,
+    lower,
     magnitude,
     range_max0,
     smaller,
+    upper,
 )
 from tables import all_rows
 
@@ -67,19 +67,19 @@ def test_ends_in_doubles_are_outside_and_no_further_than_a_neighbour() -> None:
         middle = float(draw.normal() * 10.0 ** draw.integers(-8, 9))
         x = arb(middle, float(2.0 ** draw.integers(-70, 3)))
         low, high = ends(x)
-        for bound, end, sign in ((below(x), low, 1), (above(x), high, -1)):
+        for bound, end, sign in ((lower(x), low, 1), (upper(x), high, -1)):
             off = sign * (end - Fraction(bound))
             assert 0 <= off <= 2 * Fraction(math.ulp(bound))
     for share in (0.2, 0.7):  # of the way to the next double: balls that end at one
         radius = share * math.ulp(1.0)
         reach = arb(0, radius).rad()
-        assert below(arb(1 + reach, radius)) == 1
-        assert above(arb(-1 - reach, radius)) == -1
+        assert lower(arb(1 + reach, radius)) == 1
+        assert upper(arb(-1 - reach, radius)) == -1
     for x in (arb("nan"), arb(0, INF), -(exact(1.5) * exact(2.0) ** 1100)):
-        assert below(x) == -INF
-        assert above(-x) == INF
+        assert lower(x) == -INF
+        assert upper(-x) == INF
     for double in (0.0, 1.5, -2.75, 5e-324, 1.7e308):
-        assert below(exact(double)) == double == above(exact(double))
+        assert lower(exact(double)) == double == upper(exact(double))
 
 
 def test_the_greatest_double_whose_sum_stays_below() -> None:
@@ -98,10 +98,10 @@ def test_the_greatest_double_whose_sum_stays_below() -> None:
 def test_keys_are_equal_for_equal_balls_alone() -> None:
     balls = [arb(m, r) for m in (0, 1, 2, 0.5, -1) for r in (0, 0.5, 1)]
     for a, b in itertools.product(balls, repeat=2):
-        assert (key_of(a) == key_of(b)) is (ends(a) == ends(b))
-        assert key_of(a) == key_of(arb(a))
+        assert (ball_key(a) == ball_key(b)) is (ends(a) == ends(b))
+        assert ball_key(a) == ball_key(arb(a))
     for x in (arb("nan"), arb("inf"), arb(1, INF)):
-        assert key_of(x) != key_of(arb(x))
+        assert ball_key(x) != ball_key(arb(x))
 
 
 def test_the_unit_ball_is_all_of_it_and_no_more() -> None:

@@ -160,7 +160,7 @@ def command_of(tmp_path: Path, body: str, high: str) -> Any:
     facts = small_proofs.facts_of(tmp_path / "cart.soter", "Track", "SafeCart")
     model = CaseModel(facts, (), tuple(facts.axes[i] for i in range(2)))
     terms, states = model.new_terms()
-    (command,) = model.commands(terms, states)
+    (command,) = model.sc_commands(terms, states)
     places = [x.atom for x in states]
     step = compile_step(terms, places, 2, [command], ranges=[command], must=terms.obligations)
 
@@ -249,7 +249,7 @@ def test_a_local_is_one_of_so_many_values(tmp_path: Path, of: str, refused: bool
     model = CaseModel(facts, (), tuple(facts.axes[i] for i in range(2)))
     why = "a local that is no truth, enumeration or bounded int"
     with pytest.raises(NotRecheckedError, match=why) if refused else nullcontext():
-        model.commands(*model.new_terms())
+        model.sc_commands(*model.new_terms())
 
 
 def test_a_long_range_is_an_input(tmp_path: Path) -> None:
@@ -265,7 +265,7 @@ def test_a_long_range_is_an_input(tmp_path: Path) -> None:
     facts = small_proofs.facts_of(tmp_path / "wide" / "cart.soter", "Track", "SafeCart")
     model = CaseModel(facts, (), tuple(facts.axes[i] for i in range(2)))
     terms, states = model.new_terms()
-    (command,) = model.commands(terms, states)
+    (command,) = model.sc_commands(terms, states)
     places = [x.atom for x in states]
     step = compile_step(terms, places, 2, [command], ranges=[command], must=terms.obligations)
     box = [(exact(0.1), exact(0.11)), (exact(0.2), exact(0.21))]

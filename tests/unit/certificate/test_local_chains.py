@@ -15,9 +15,9 @@ from soter.certificate.cell_sets import Grid
 from soter.certificate.grid.flow_chains import FlowChain, Times
 from soter.certificate.grid.flow_enclosures import Enclosure, LocalFlow, SolvedFlow
 from soter.certificate.grid.group_claims import ChainCheck, FreeCheck, GroupTables
-from soter.certificate.grid.sc_chains import EVERY, NANOSECOND, uncrossed_ends, windows
+from soter.certificate.grid.sc_chains import EVERY, NANOSECOND, uncrossed_ends, windows_of_runs
 from soter.certificate.reading.case_model import CaseModel
-from soter.certificate.reading.linear_flows import is_linear, linear_flow
+from soter.certificate.reading.linear_flows import has_linear_rates, linear_flow
 from soter.certificate.terms.compile_terms import form_of_box
 from soter.certificate.terms.linear_enclosures import ONE, ZERO, exact
 from soter.certificate.terms.straight_line import NotCertainError, product
@@ -157,7 +157,7 @@ def local_chain(
     delta, d, j = (t * NANOSECOND for t in (model.facts.times["delta_ns"], *delays(model)))
     times = Times(delta, d, j, j, (-d, Fraction(0)))
     flow: LocalFlow | SolvedFlow = LocalFlow(model, (0, 1), kept)
-    if is_linear(model, (0, 1)):
+    if has_linear_rates(model, (0, 1)):
         flow = SolvedFlow(model, (0, 1), linear_flow(model, (0, 1)), kept)
     return FlowChain(model, (0, 1), flow, times)
 
@@ -285,9 +285,9 @@ def test_chains_enclose_runs(
 ) -> None:
     thing = THINGS[name]
     model = model_of(tmp_path, thing, *times)
-    assert is_linear(model, (0, 1)) == (name == "linear")
+    assert has_linear_rates(model, (0, 1)) == (name == "linear")
     group = group_of(model)
-    chain = ChainCheck(model, group).chain(pieces)
+    chain = ChainCheck(model, group).compiled_chain(pieces)
     holds, shares = 6, []
     for seed in range(4):
         cell = tuple(int(i) for i in np.random.default_rng(seed).integers(6, 34, 2))
@@ -329,7 +329,7 @@ def test_chains_of_late_commands_enclose_runs(tmp_path: Path, name: str, forgott
     path.write_text(path.read_text().replace("dm 1ms;", "dm 1ms; acts within 100ms;"))
     facts = small_proofs.facts_of(path, "S", "Module")
     model = CaseModel(facts, (), tuple(facts.axes[i] for i in range(2)))
-    assert facts.late_commands
+    assert facts.has_late_commands
     age = facts.own.age_sc // 10**6
     runs = LateRuns(
         lambda x, u, w: np.stack(np.broadcast_arrays(*thing.rates(x[0], x[1], u, w))),
@@ -339,7 +339,7 @@ def test_chains_of_late_commands_enclose_runs(tmp_path: Path, name: str, forgott
     )  # fmt: skip
     assert facts.own.in_force <= runs.read_age * 10**6 <= facts.own.in_force + 4 * 10**6
     facts.own = replace(facts.own, in_force=facts.own.in_force - forgotten_ms * 10**6)
-    chain, escaped = ChainCheck(model, group_of(model)).chain(2), 0
+    chain, escaped = ChainCheck(model, group_of(model)).compiled_chain(2), 0
     for seed in range(8):
         rng = np.random.default_rng(seed)
         low = rng.uniform(-0.9, 0.8, 2)
@@ -369,11 +369,11 @@ def test_chains_of_a_window_enclose_its_runs(
     model = model_of(tmp_path, thing, *times)
     group = group_of(model)
     check = ChainCheck(model, group)
-    assert len(windows(model, group.states, count)) == count
+    assert len(windows_of_runs(model, group.states, count)) == count
     sizes = []
-    for window in windows(model, group.states, count):
-        chain, whole = check.chain(1, window), check.chain(1, EVERY)
-        early = window.ends(Fraction(model.facts.jitter_ns))[0] / 10**6
+    for window in windows_of_runs(model, group.states, count):
+        chain, whole = check.compiled_chain(1, window), check.compiled_chain(1, EVERY)
+        early = window.early_and_late(Fraction(model.facts.jitter_ns))[0] / 10**6
         cell = (14 + 3 * window.index, 24 - 3 * window.index)
         block = tuple((i, i + 1) for i in cell)
         ends = [float(x) for interval in group.grid.box(block) for x in interval]
@@ -405,10 +405,10 @@ def test_chains_of_first_samples_of_an_age_enclose_their_runs(
     model = model_of(tmp_path, THINGS["linear"], *times)
     group = group_of(model)
     check = ChainCheck(model, group)
-    parts = windows(model, group.states, count, by_age=True)
+    parts = windows_of_runs(model, group.states, count, by_age=True)
     assert not any(t // 10**6 % count for t in delays(model))
     delay, jitter = (Fraction(t, 10**6) for t in delays(model))
-    ends = sorted({w.taken(delay) for w in parts})
+    ends = sorted({w.sample_span(delay) for w in parts})
     assert [ends[0][0], ends[-1][1]] == [-delay, 0]
     assert all(a[1] == b[0] for a, b in pairwise(ends))
     assert {(w.index, w.age) for w in parts} == {(k, a) for k in range(count) for a in range(count)}
@@ -417,12 +417,12 @@ def test_chains_of_first_samples_of_an_age_enclose_their_runs(
     box = [float(x) for interval in group.grid.box(block) for x in interval]
     for seed, window in enumerate(parts):
         runs = Runs(THINGS["linear"], model, box, seed)
-        ages = tuple(int(-t) for t in window.taken(delay))
+        ages = tuple(int(-t) for t in window.sample_span(delay))
         p = (int(jitter) * window.index // count, int(jitter) * (window.index + 1) // count)
         states, acts = runs.chain(3, p, (ages[1], ages[0]))
         images = []
         for one in (window, EVERY):
-            chain = check.chain(1, one)
+            chain = check.compiled_chain(1, one)
             form = form_of_box(group.grid.box(block), symbols=True)
             for k in range(3):
                 form = sure((chain.later if k else chain.first)(form))[0]
@@ -439,7 +439,7 @@ def test_what_comes_several_ways_is_not_told_apart_by_age(tmp_path: Path) -> Non
     model = model_of(tmp_path, THINGS["linear"], 15, 20, 0)
     (read,) = model.facts.setting.by_sc
     model.facts.setting = replace(model.facts.setting, by_sc=(read, read))
-    assert windows(model, (0, 1), 4, by_age=True) == windows(model, (0, 1), 4)
+    assert windows_of_runs(model, (0, 1), 4, by_age=True) == windows_of_runs(model, (0, 1), 4)
 
 
 @pytest.mark.parametrize("times", TIMES)
@@ -451,7 +451,7 @@ def test_two_commands_that_the_group_feels(tmp_path: Path, times: tuple[int, int
     )
     model = model_of(tmp_path, thing, *times, two=True)
     group = group_of(model)
-    chain = ChainCheck(model, group).chain(1)
+    chain = ChainCheck(model, group).compiled_chain(1)
     for seed in range(4):
         cell = tuple(int(i) for i in np.random.default_rng(seed).integers(6, 34, 2))
         block = tuple((i, i + 1) for i in cell)
@@ -482,7 +482,7 @@ def test_free_phases_enclose_runs(tmp_path: Path, name: str, pieces: int) -> Non
     thing = THINGS[name]
     model = model_of(tmp_path, thing, 15, 20, 3)
     group = group_of(model)
-    phase = FreeCheck(model, group, 80 * 10**6).phase(pieces)
+    phase = FreeCheck(model, group, 80 * 10**6).compiled_steps(pieces)
     for seed in range(6):
         cell = tuple(int(i) for i in np.random.default_rng(seed).integers(6, 34, 2))
         block = tuple((i, i + 1) for i in cell)
@@ -560,27 +560,27 @@ def test_boxes_end_where_the_flow_keeps_the_end(tmp_path: Path, kept: bool) -> N
     local = local_chain(model, [(kept, kept), (False, False)])
     group = group_of(model)
     box = group.grid.box(((0, 1), (36, 37)))
-    lowest = [sure(local.free(Fraction(1, 20), 2, form_of_box(box, symbols=True)))[1]]
+    lowest = [sure(local.free_boxes(Fraction(1, 20), 2, form_of_box(box, symbols=True)))[1]]
     form = form_of_box(box, symbols=True)
     for k in range(3):
-        form, boxes = sure((local.later if k else local.first)(1, form))
+        form, boxes = sure((local.later_hold if k else local.first_hold)(1, form))
         lowest.append(boxes)
         assert float(form[0]) >= -2.0 or not kept
-    lowest.append(sure(local.last(1, form))[1])
+    lowest.append(sure(local.last_switch(1, form))[1])
     assert (min(min(boxes[0::4]) for boxes in lowest) >= -2.0) == kept
 
 
 def test_ends_of_linear_flows_are_cut_off(tmp_path: Path) -> None:
     thing = Thing("1.9 * push - x", "push + w", lambda *_: (0, 0))
     model = model_of(tmp_path, thing, 5, 20, 1)
-    assert is_linear(model, (0, 1))
+    assert has_linear_rates(model, (0, 1))
     group = group_of(model)
-    chain = ChainCheck(model, group).chain(1)
+    chain = ChainCheck(model, group).compiled_chain(1)
     form = form_of_box(group.grid.box(((0, 1), (20, 21))), symbols=True)
     for k in range(3):
         form, boxes = sure((chain.later if k else chain.first)(form))
         assert min(boxes[0::4]) >= -2.0
-    (step,) = FreeCheck(model, group, 50 * 10**6).phase(4)
+    (step,) = FreeCheck(model, group, 50 * 10**6).compiled_steps(4)
     image = sure(step(form_of_box(group.grid.box(((0, 1), (20, 21))), symbols=True)))
     assert min(image[1][0::4]) == -2.0
 
@@ -592,7 +592,7 @@ def test_what_stands_is_where_it_was(tmp_path: Path) -> None:
     group = group_of(model)
     cell = ((7, 8), (11, 12))
     ends = [float(x) for interval in group.grid.box(cell) for x in interval]
-    chain = ChainCheck(model, group).chain(1)
+    chain = ChainCheck(model, group).compiled_chain(1)
     form = form_of_box(group.grid.box(cell), symbols=True)
     for k in range(4):
         image = (chain.later if k else chain.first)(form)
@@ -632,10 +632,10 @@ def test_a_hold_after_commands_that_differ_much(  # noqa: PLR0915  one run, look
         if seed < 2:  # the latest command against all others
             old = np.array([0.9, *[-0.9] * (local.depth - 1)]) * (1 - 2 * seed)
         form = crafted(local.depth, state, old)
-        start = local.layout.open(form, None)
+        start = local.layout.take_apart(form, None)
         sample = local._sampled_states(start, fresh=False)
         centre = product(sample.rows, start.z)
-        image = local.later(pieces, form)
+        image = local.later_hold(pieces, form)
         after = [float(x) for x in image[0]]
         runs = Runs(thing, model, [0.0] * 4, seed)
         eps = np.array([runs.extreme(1.0) for _ in range(2)])
@@ -691,7 +691,7 @@ def test_a_linear_hold_after_commands_that_differ_much(
     model = model_of(tmp_path, thing, *times)
     delta, d, j = (t // 10**6 for t in (model.facts.times["delta_ns"], *delays(model)))
     depth = -(-(d + 2 * j) // delta)
-    chain = ChainCheck(model, group_of(model)).chain(1)
+    chain = ChainCheck(model, group_of(model)).compiled_chain(1)
     draw, reached = np.random.default_rng(5), 0.0
     for seed in range(16):
         state, old = draw.uniform(-0.2, 0.2, 2), draw.choice([-0.9, 0.9], depth)

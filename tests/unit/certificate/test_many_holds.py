@@ -95,7 +95,7 @@ def check_of(path: Path, delay_ns: int) -> ChainCheck:
 def test_what_is_known_lasts(tmp_path: Path, delay_us: int, drag: str, times: str) -> None:
     """A chain computes with numbers: after many holds no ball of its form has grown."""
     check = check_of(wall(tmp_path, drag, times), delay_us * 1000)
-    chain = check.chain(1)
+    chain = check.compiled_chain(1)
     form, step = form_of_box(check.group.grid.box(CELL), symbols=True), chain.first
     for _ in range(MANY):
         image = step(form)

@@ -11,8 +11,8 @@ import pytest
 
 import soter
 from soter.certificate import rechecker
-from soter.certificate.cell_predicates import influence
-from soter.certificate.extras.prelude_functions import nearest_whole, prelude
+from soter.certificate.cell_predicates import influence_of_inputs
+from soter.certificate.extras.prelude_functions import nearest_whole, prelude_function
 from soter.certificate.reading.symbolic_operations import Operations
 from soter.certificate.reading.symbolic_reading import Surroundings, SymbolicReader
 from soter.certificate.terms.compile_terms import (
@@ -59,7 +59,7 @@ def read(folder: Path, body: str, *, kind: str = "bool", reach: float = 2.0) -> 
     inputs = [terms.add_input("state", n, exact(-reach), exact(reach)) for n in "xe"]
     reads = tuple(typed.VarRead(p.type, p.span, p) for p in fun.parameters)
     call = typed.TypedCall(fun.result, fun.span, fun, reads)
-    value = SymbolicReader(terms, Surroundings({}, {})).expression(
+    value = SymbolicReader(terms, Surroundings({}, {})).evaluate(
         call, dict(zip(fun.parameters, inputs, strict=True))
     )
     return terms, value
@@ -152,17 +152,19 @@ def test_what_is_made_of_a_number_rests_on_what_it_rests_on(rounded: bool) -> No
     terms = Terms()
     make = Operations(terms, rounded=rounded)
     x, y, c = (terms.add_input("state", n, exact(-1.5), exact(2.0)) for n in "xyc")
-    root = make.builtin("sqrt", x)
+    root = make.result_of_builtin("sqrt", x)
     (rests,) = root.rests
     made = [
         make.arithmetic(op, *two) for op in "+-*" for two in ((root, y), (y, root), (2.0, root))
     ]
     made += [
-        make.extreme(name, *two) for name in ("min", "max") for two in ((root, y), (1.0, root))
+        make.min_or_max(name, *two) for name in ("min", "max") for two in ((root, y), (1.0, root))
     ]
-    made += [make.builtin(name, root) for name in ("abs", "floor", "sqrt", "float")]
-    made += [prelude(make, *a) for a in (("sin", root), ("atan2", y, root), ("pow", root, 2.0))]
-    made += [prelude(make, "smoothstep", -3.0, 3.0, root), make.clamp(root, 0.0, 1.0)]
+    made += [make.result_of_builtin(name, root) for name in ("abs", "floor", "sqrt", "float")]
+    made += [
+        prelude_function(make, *a) for a in (("sin", root), ("atan2", y, root), ("pow", root, 2.0))
+    ]
+    made += [prelude_function(make, "smoothstep", -3.0, 3.0, root), make.clamp(root, 0.0, 1.0)]
     made += [make.clamp(y, root, 3.0), make.negate(root), nearest_whole(make, root)]
     assert all(rests in value.rests for value in made)
     assert make.arithmetic("-", root, root).rests == (rests,)
@@ -170,11 +172,11 @@ def test_what_is_made_of_a_number_rests_on_what_it_rests_on(rounded: bool) -> No
     chosen = make.join(FLOAT, terms.below_zero(c), root, y)
     assert len(chosen.rests) == 1
     assert rests not in chosen.rests
-    assert not make.builtin("int", root).rests
+    assert not make.result_of_builtin("int", root).rests
     assert terms.obligations == [rests]
     make.arithmetic("/", root, terms.combine(((ONE, y),), exact(9.0)))
     assert terms.obligations == [rests]
-    make.arithmetic("/", y, make.builtin("sqrt", y))
+    make.arithmetic("/", y, make.result_of_builtin("sqrt", y))
     assert len(terms.obligations) == 3
 
 
@@ -235,7 +237,7 @@ def test_what_is_said_twice_is_looked_at_once(tmp_path: Path, kind: str) -> None
         terms, value = read(tmp_path, chain_of(kind, n), kind=kind.replace("and", "bool"))
         truths = [*value.rests, *value.beyond] if isinstance(value, Linear) else [value]
         compile_truths(terms, [0, 1], truths, {})
-        assert influence(terms, reduce(both, conjuncts(reduce(both, truths))), [0, 1]) > 0
+        assert influence_of_inputs(terms, reduce(both, conjuncts(reduce(both, truths))), [0, 1]) > 0
 
     asked(1)
     works = [work_of(lambda n=n: asked(n))[1] for n in (2, 6, 10)]  # type: ignore[misc]

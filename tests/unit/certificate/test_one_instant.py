@@ -104,7 +104,7 @@ def test_whoever_reads_the_copy_of_a_command_is_not_re_checked(tmp_path: Path) -
             NotRecheckedError, match="`echo` is read, but nobody says its values"
         )
         with told if reader is SC else nullcontext():
-            model.commands(terms, states)
+            model.sc_commands(terms, states)
         with told if reader is DM else nullcontext():
             model.predicate(terms, states, ttf, errors=True)
 

@@ -17,9 +17,9 @@ from soter.certificate.terms.straight_line import (
     Builder,
     Function,
     NotCertainError,
-    by_truth,
-    corners,
-    grown,
+    choose_by_truth,
+    growth,
+    product_range,
     range_after,
     range_between,
     require_certain,
@@ -37,7 +37,7 @@ MAY_BE = {FALSE: {False}, TRUE: {True}, EITHER: {False, True}}
 
 def test_a_product_has_the_range_of_its_corners() -> None:
     for (al, ah), (bl, bh) in itertools.product(INTERVALS, INTERVALS):
-        low, high = corners(*(exact(v) for v in (al, ah, bl, bh)))
+        low, high = product_range(*(exact(v) for v in (al, ah, bl, bh)))
         products = [a * b for a in (al, ah) for b in (bl, bh)]
         assert (float(low), float(high)) == (min(products), max(products))
 
@@ -78,7 +78,7 @@ def test_a_sign_of_a_wide_end_is_not_certain() -> None:
 
 def test_what_is_chosen_by_a_truth() -> None:
     yes, no, both = exact(1.0), exact(2.0), exact(3.0)
-    assert [by_truth(t, yes, no, both) for t in (TRUE, FALSE, EITHER)] == [yes, no, both]
+    assert [choose_by_truth(t, yes, no, both) for t in (TRUE, FALSE, EITHER)] == [yes, no, both]
 
 
 def test_what_is_demanded_has_to_be_certain() -> None:
@@ -107,10 +107,10 @@ def test_a_table_gives_all_that_stands_between_two_positions() -> None:
 def test_growth_is_the_integral() -> None:
     for own, span in itertools.product((-3.0, -0.5, 0.5, 2.0), (0.0, 0.1, 1.0)):
         value = math.expm1(own * span) / own
-        assert value <= float(grown(exact(own), exact(span))) * (1 + 1e-15) <= value + 1e-12
-    assert float(grown(exact(0.0), exact(0.5))) == 0.5
-    assert float(grown(arb(0, 0.1), exact(1.0)).upper()) >= math.expm1(0.1) / 0.1
-    assert float(grown(arb(-0.05, 0.05), exact(1.0)).upper()) >= 1.0
+        assert value <= float(growth(exact(own), exact(span))) * (1 + 1e-15) <= value + 1e-12
+    assert float(growth(exact(0.0), exact(0.5))) == 0.5
+    assert float(growth(arb(0, 0.1), exact(1.0)).upper()) >= math.expm1(0.1) / 0.1
+    assert float(growth(arb(-0.05, 0.05), exact(1.0)).upper()) >= 1.0
 
 
 @all_rows("own", [-2.0, -0.5, 0.5])
@@ -139,14 +139,14 @@ def test_a_state_between_two_instants_is_in_the_swept_range(
     ends = (exact(v) for v in (*box, min(after), max(after)))
     rate = exact(own) * ball + pulls
     rates = arb(rate.lower()), arb(rate.upper())
-    growth = grown(exact(own), exact(span))
-    numbers = [*ends, *rates, exact(own), pulls, exact(span), growth]
+    grown = growth(exact(own), exact(span))
+    numbers = [*ends, *rates, exact(own), pulls, exact(span), grown]
     low, high = range_between(*numbers)
     assert low <= min(between)
     assert max(between) <= high
     assert low >= min(between) - 1.0
     assert high <= max(between) + 1.0
-    law = exact(own), pulls, growth
+    law = exact(own), pulls, grown
     low, high = range_after(exact(box[0]), exact(box[1]), exact(-9.0), exact(9.0), *law)
     assert low <= min(after)
     assert max(after) <= high

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from soter.certificate.extras import tables
-from soter.certificate.extras.prelude_functions import prelude
+from soter.certificate.extras.prelude_functions import prelude_function
 from soter.certificate.reading.symbolic_operations import Operations
 from soter.certificate.reading.symbolic_values import Rows, SymbolicInt, in_range
 from soter.certificate.report import NotRecheckedError
@@ -50,7 +50,7 @@ def test_operators_of_numbers_and_terms(rounded: bool) -> None:
             assert isinstance(found, Linear) is (any(kinds) or not rounded)
             assert not isinstance(found, SymbolicInt)
         for name, of in (("min", min(a, b)), ("max", max(a, b))):
-            assert abs(point_value(make.extreme(name, x, y)) - of) < 1e-9
+            assert abs(point_value(make.min_or_max(name, x, y)) - of) < 1e-9
         for op, holds_so in (("<", a < b), ("<=", a <= b), (">", a > b), (">=", a >= b)):
             assert make.compare(op, x, y) is holds_so
         if a != b or not any(kinds):
@@ -75,10 +75,10 @@ def test_operators_of_ints() -> None:
             assert point_value(found) == of
             assert make.arithmetic(op, a, b) == of
         for name, of in (("min", min(a, b)), ("max", max(a, b))):
-            found = make.extreme(name, x, y)
+            found = make.min_or_max(name, x, y)
             assert isinstance(found, SymbolicInt)
             assert point_value(found) == of
-            assert make.extreme(name, a, b) == of
+            assert make.min_or_max(name, a, b) == of
         for op in "/%":
             with pytest.raises(NotRecheckedError, match="ints that depend"):
                 make.arithmetic(op, x, y)
@@ -104,18 +104,18 @@ def test_what_is_no_number_is_no_term(wrong: float) -> None:
     make = Operations(terms, rounded=True)
     (x,) = inputs_of(terms, (0.0, 1.0))
     for a, b in ((x, wrong), (wrong, x)):
-        for of in (make.arithmetic, make.compare, make.extreme):
-            name = {"arithmetic": "+", "compare": "<", "extreme": "min"}[of.__name__]
+        for of in (make.arithmetic, make.compare, make.min_or_max):
+            name = {"arithmetic": "+", "compare": "<", "min_or_max": "min"}[of.__name__]
             with pytest.raises(NotRecheckedError, match="infinite or undefined"):
                 of(name, a, b)
     for a, b in ((wrong, 1.0), (1.0, wrong), (wrong, wrong)):
         if math.isnan(wrong):
-            for of, name in ((make.compare, "<"), (make.extreme, "min")):
+            for of, name in ((make.compare, "<"), (make.min_or_max, "min")):
                 with pytest.raises(NotRecheckedError, match="NaN"):
                     of(name, a, b)
         else:
             assert make.compare("<", a, b) is (a < b)
-            assert make.extreme("min", a, b) == min(a, b)
+            assert make.min_or_max("min", a, b) == min(a, b)
 
 
 def test_known_truths_are_compared() -> None:
@@ -174,7 +174,7 @@ def test_a_function_of_the_prelude_has_its_domain_and_its_bound(
     }.items():
         terms = Terms()
         (x,) = inputs_of(terms, (low, high))
-        value = prelude(Operations(terms, rounded=True), "atan", x)
+        value = prelude_function(Operations(terms, rounded=True), "atan", x)
         assert not terms.obligations
         assert (not value.rests) is inside
         for v in (-1.25, -0.75, 0.25, 1.25):
@@ -185,7 +185,7 @@ def test_a_function_of_the_prelude_has_its_domain_and_its_bound(
         assert abs(float(value.high) - min(math.atan(high), 0.5)) < 1e-8
     monkeypatch.setitem(BOUNDS, "atan", ErrorBound(((-1.0, 1.0),), relative=2.0))
     with pytest.raises(NotRecheckedError, match="another kind"):
-        prelude(Operations(terms, rounded=True), "atan", x)
+        prelude_function(Operations(terms, rounded=True), "atan", x)
 
 
 def test_what_a_function_may_be_off_counts_ulps_and_what_is_absolute(
@@ -197,7 +197,7 @@ def test_what_a_function_may_be_off_counts_ulps_and_what_is_absolute(
         for low, high in ((-1.0, 2.0), (-3.0, 1.0)):
             terms = Terms()
             (x,) = inputs_of(terms, (low, high))
-            prelude(Operations(terms, rounded=True), "exp", x)
+            prelude_function(Operations(terms, rounded=True), "exp", x)
             share = ulps * exact(2.0**-52)
             assert share <= terms.atoms[-1].share <= share * (1 + exact(2.0**-50))
             assert abs(float(terms.atoms[-1].extra) - absolute) <= 1e-300
@@ -208,7 +208,7 @@ def test_a_function_that_may_leave_the_doubles_is_bounded_where_it_is_used() -> 
     for high, within in ((600.0, True), (709.0, True), (720.0, False), (2000.0, False)):
         terms = Terms()
         (x,) = inputs_of(terms, (0.0, high))
-        value = prelude(Operations(terms, rounded=True), "exp", x)
+        value = prelude_function(Operations(terms, rounded=True), "exp", x)
         assert terms.obligations == []
         assert (not value.beyond) is within
         for v in (1.0, 700.0, 708.0, 711.0):
@@ -262,7 +262,7 @@ def test_what_is_selected_is_numbers(elements: list[Any], fine: bool) -> None:
     def asked() -> Any:
         terms = Terms()
         make = Operations(terms, rounded=True)
-        found = tables.select(make, elements, inputs_of(terms, (1.0, 1.0))[0])
+        found = tables.element_at(make, elements, inputs_of(terms, (1.0, 1.0))[0])
         return tables.row_values(make, found) if isinstance(found, Rows) else found
 
     def kinds(x: Any) -> Any:
@@ -287,12 +287,12 @@ def test_rows_are_alike_or_refused() -> None:
     with pytest.raises(NotRecheckedError, match="indexed by an input"):
         tables.row_values(make, Rows(unlike, x))
     with pytest.raises(NotRecheckedError, match="indexed by an input"):
-        tables.select_from_table(make, Rows(unlike, x), 0)
+        tables.element_of_table(make, Rows(unlike, x), 0)
     with pytest.raises(NotRecheckedError, match="indexed by an input"):
-        tables.select_from_table(make, Rows([(1.0, 2), (3.0, 4)], x), 0)
+        tables.element_of_table(make, Rows([(1.0, 2), (3.0, 4)], x), 0)
     for first in ((1.0, 2.0), (1, 2)):
         rows = Rows([first, first], x)
-        found = tables.select_from_table(make, rows, 1)
+        found = tables.element_of_table(make, rows, 1)
         assert isinstance(found, SymbolicInt) is isinstance(first[0], int)
         assert at(terms, found, [1.0]) == 2.0
 
@@ -301,24 +301,24 @@ def test_a_table_of_one_entry_and_rows_of_unlike_parts() -> None:
     terms = Terms()
     make = Operations(terms, rounded=True)
     (x,) = inputs_of(terms, (0.0, 0.0))
-    assert at(terms, tables.select(make, [5.0], x), [0.0]) == 5.0
-    assert at(terms, tables.select_from_table(make, Rows([(1.0, 6.0)], x), 1), [0.0]) == 6.0
+    assert at(terms, tables.element_at(make, [5.0], x), [0.0]) == 5.0
+    assert at(terms, tables.element_of_table(make, Rows([(1.0, 6.0)], x), 1), [0.0]) == 6.0
     assert [at(terms, v, [0.0]) for v in tables.row_values(make, Rows([(1.0, 6.0)], x))] == [
         1.0,
         6.0,
     ]
-    first, rows = tables.select(make, [(1.0, (2.0, 3.0)), (4.0, (5.0, 6.0))], x)
+    first, rows = tables.element_at(make, [(1.0, (2.0, 3.0)), (4.0, (5.0, 6.0))], x)
     assert at(terms, first, [0.0]) == 1.0
     assert isinstance(rows, Rows)
 
 
 def test_the_least_int_has_no_opposite_and_no_size() -> None:
     make = Operations(Terms(), rounded=True)
-    for of in (make.negate, lambda x: make.builtin("abs", x)):
+    for of in (make.negate, lambda x: make.result_of_builtin("abs", x)):
         with pytest.raises(StepFault):
             of(-(2**63))
     assert make.negate(2**63 - 1) == 1 - 2**63
-    assert str(make.builtin("abs", -0.0)) == "0.0"
+    assert str(make.result_of_builtin("abs", -0.0)) == "0.0"
 
 
 @pytest.mark.parametrize("rounded", [True, False])
@@ -326,7 +326,9 @@ def test_only_a_machine_rounds(rounded: bool) -> None:
     terms = Terms()
     make = Operations(terms, rounded=rounded)
     x, y = inputs_of(terms, (1.0, 2.0), (1.0, 3.0))
-    values: list[Any] = [make.arithmetic(op, x, y) for op in "+-*/"] + [make.builtin("sqrt", x)]
+    values: list[Any] = [make.arithmetic(op, x, y) for op in "+-*/"] + [
+        make.result_of_builtin("sqrt", x)
+    ]
     assert [v.radius > 0 for v in values] == [rounded] * 5
 
 
@@ -334,8 +336,8 @@ def test_a_root_and_a_size_are_not_negative() -> None:
     terms = Terms()
     make = Operations(terms, rounded=True)
     (x,) = inputs_of(terms, (0.0, 4.0))
-    assert make.builtin("sqrt", x).nonnegative
-    assert make.builtin("abs", x).nonnegative
+    assert make.result_of_builtin("sqrt", x).nonnegative
+    assert make.result_of_builtin("abs", x).nonnegative
 
 
 @pytest.mark.parametrize(
@@ -355,7 +357,7 @@ def test_an_int_of_a_float_is_cut_off_towards_zero(
     terms = Terms()
     (x,) = inputs_of(terms, (low, high))
     x.nonnegative = nonnegative
-    whole: Any = Operations(terms, rounded=True).builtin("int", x)
+    whole: Any = Operations(terms, rounded=True).result_of_builtin("int", x)
     assert (whole.low, whole.high) == wanted
     assert len(terms.atoms) == 2
 
@@ -366,7 +368,7 @@ def test_a_number_less_itself_is_zero_however_it_was_rounded() -> None:
     (x,) = inputs_of(terms, (-3.0, 3.0))
     y = terms.rounded(x)
     assert float(make.arithmetic("-", y, y).high) <= 5e-324
-    assert at(terms, make.builtin("int", make.arithmetic("-", y, y)), [0.7]) == 0
+    assert at(terms, make.result_of_builtin("int", make.arithmetic("-", y, y)), [0.7]) == 0
     assert float(make.arithmetic("-", y, terms.rounded(x)).high) > 5e-324  # only alike
 
 
@@ -375,12 +377,12 @@ def test_a_function_may_be_off_near_zero_and_beyond_the_doubles(
 ) -> None:
     terms = Terms()
     (x,) = inputs_of(terms, (0.0, 0.0))
-    prelude(Operations(terms, rounded=True), "atan", x)
+    prelude_function(Operations(terms, rounded=True), "atan", x)
     assert terms.atoms[-1].extra > 0
     bound = ErrorBound(((-math.inf, math.inf),), ulps=1.0, absolute=0.25)
     monkeypatch.setitem(BOUNDS, "exp", bound)
     (x,) = inputs_of(terms, (0.0, 2000.0))
-    value = prelude(Operations(terms, rounded=True), "exp", x)
+    value = prelude_function(Operations(terms, rounded=True), "exp", x)
     assert terms.atoms[value.atom].extra > 0.2
 
 
@@ -388,7 +390,7 @@ def test_floor_of_floor_is_no_more() -> None:
     terms = Terms()
     make = Operations(terms, rounded=True)
     (x,) = inputs_of(terms, (-3.0, 3.0))
-    down: Any = make.builtin("floor", x)
+    down: Any = make.result_of_builtin("floor", x)
     for of, same in (
         (down, True),
         (terms.combine(((exact(2.0), down),)), False),
@@ -398,13 +400,13 @@ def test_floor_of_floor_is_no_more() -> None:
         (terms.constant(2.0), False),
     ):
         before = len(terms.atoms)
-        whole: Any = make.builtin("int", of)
+        whole: Any = make.result_of_builtin("int", of)
         assert isinstance(whole, SymbolicInt)
         assert (len(terms.atoms) == before) is same
         for v in (-2.25, -0.5, 0.75, 2.5):
             assert at(terms, whole, [v]) == math.trunc(at(terms, of, [v]))
-    assert type(make.builtin("float", whole)) is Linear
-    assert isinstance(make.builtin("abs", whole), SymbolicInt)
-    assert not isinstance(make.builtin("abs", x), SymbolicInt)
+    assert type(make.result_of_builtin("float", whole)) is Linear
+    assert isinstance(make.result_of_builtin("abs", whole), SymbolicInt)
+    assert not isinstance(make.result_of_builtin("abs", x), SymbolicInt)
     with pytest.raises(NotRecheckedError, match="`seconds`"):
-        make.builtin("seconds", x)
+        make.result_of_builtin("seconds", x)

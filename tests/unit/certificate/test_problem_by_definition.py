@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from soter.certificate.case_check import p1c_of
+from soter.certificate.case_check import p1c_verdict
 from soter.certificate.extras import estimates_and_shield
 from soter.certificate.reading import problem
 from soter.certificate.reading.case_model import CaseModel
@@ -134,13 +134,13 @@ def test_errors_are_those_of_what_is_read(tmp_path: Path) -> None:
 
 
 def test_the_error_of_a_state_is_that_of_its_axis(facts: Facts) -> None:
-    assert estimates_and_shield.error_of(facts, 0) == 0.25
+    assert estimates_and_shield.estimate_error(facts, 0) == 0.25
     with pytest.raises(NotRecheckedError, match=r"no topic carries `p\.v`"):
-        estimates_and_shield.error_of(facts, 1)
+        estimates_and_shield.estimate_error(facts, 1)
     other = copy.copy(facts)
     (topic,) = (t for t, _ in facts.leaves.values())
     other.leaves = {1: (topic, ("b",))}
-    assert estimates_and_shield.error_of(other, 1) == 0.0
+    assert estimates_and_shield.estimate_error(other, 1) == 0.0
 
 
 def test_a_module_that_is_not_there(tmp_path: Path) -> None:
@@ -213,14 +213,14 @@ def test_flows_and_maps_are_told_apart() -> None:
 def test_a_parameter_has_all_values_of_its_type() -> None:
     enum: Any = EnumType.__new__(EnumType)
     object.__setattr__(enum, "members", ("A", "B", "C"))
-    assert problem._values_of(BoolType(), "x") == (0, 1)
-    assert problem._values_of(enum, "x") == (0, 1, 2)
-    assert problem._values_of(IntType(-1, 1), "x") == (-1, 0, 1)
-    assert problem._values_of(IntType(3, 3), "x") == (3,)
-    assert len(problem._values_of(IntType(1, 4096), "x")) == 4096
+    assert problem._discrete_values(BoolType(), "x") == (0, 1)
+    assert problem._discrete_values(enum, "x") == (0, 1, 2)
+    assert problem._discrete_values(IntType(-1, 1), "x") == (-1, 0, 1)
+    assert problem._discrete_values(IntType(3, 3), "x") == (3,)
+    assert len(problem._discrete_values(IntType(1, 4096), "x")) == 4096
     for of in (IntType(0, 4096), FloatType.__new__(FloatType)):
         with pytest.raises(NotRecheckedError, match="too many values"):
-            problem._values_of(of, "x")
+            problem._discrete_values(of, "x")
 
 
 # ---------------------------------------------------------------- the model
@@ -321,7 +321,7 @@ def test_a_name_for_what_no_topic_shows_is_left_alone(tmp_path: Path, name: str)
 def test_a_command_is_what_sc_makes_of_an_estimate(facts: Facts) -> None:
     model = model_of(facts)
     terms, states = model.new_terms()
-    (command,) = model.commands(terms, states)
+    (command,) = model.sc_commands(terms, states)
     for (p, v), ea, ey, wish in itertools.product(
         STATES, (-0.25, 0.125), (-0.125, 0.0), (0.2, -0.5)
     ):
@@ -337,7 +337,7 @@ def test_a_command_lies_in_its_set_or_it_is_an_obligation(tmp_path: Path) -> Non
     )
     model = model_of(facts)
     terms, states = model.new_terms()
-    model.commands(terms, states)
+    model.sc_commands(terms, states)
     for p, v in itertools.product((-2.5, 0.5, 2.25), (-1.25, 0.5, 1.25)):
         where = point(terms, {"p.p": p, "p.v": v, "x.a": 0.0, "y": 0.0, "wish": 0.0})
         command = p + 2 * v - (p - v)
@@ -359,11 +359,11 @@ def test_what_is_published_keeps_to_its_set(facts: Facts) -> None:
     index = {t.name: t.index for t in facts.system.topics}
     model = model_of(facts)
     terms, states = model.new_terms()
-    assert model.limits(terms, states, index["x"]) == []
-    ((value, low, high),) = model.limits(terms, states, index["y"])
+    assert model.published_limits(terms, states, index["x"]) == []
+    ((value, low, high),) = model.published_limits(terms, states, index["y"])
     assert low == pytest.approx(-3.875)
     assert high == pytest.approx(2.875)
-    truth = model.in_set(terms, states, index["y"])
+    truth = model.topic_in_set(terms, states, index["y"])
     for p, v in itertools.product((-2.75, -2.0, 1.75, 2.5), (-1.0, 0.25, 1.25, 1.0)):
         where = point(terms, {"p.p": p, "p.v": v})
         assert at(terms, value, where) == pytest.approx(p - v)
@@ -399,7 +399,7 @@ def keys(facts: Facts) -> set[str]:
 def test_everything_that_is_taken_for_granted_is_said(facts: Facts) -> None:
     wanted = ALWAYS | OF_FLOWS | UNDECLARED | INPUTS
     assert keys(facts) - {"exact wish"} == wanted
-    assert p1c_of(facts) == "assumed"
+    assert p1c_verdict(facts) == "assumed"
 
 
 def test_of_a_map_other_things_are_said(tmp_path: Path) -> None:
@@ -423,7 +423,7 @@ def test_times_that_are_declared_are_said(tmp_path: Path) -> None:
         "declared response sc 1 ms",
         "declared acts within 1 ms",
     }
-    assert p1c_of(facts) == "proved"
+    assert p1c_verdict(facts) == "proved"
     silent = facts_with(tmp_path, (DECLARED[0], DECLARED[1].replace("dropout 0ms", "dropout 20ms")),
                         ("max_age 20ms", "max_age 90ms"), (" - x.b - y", " - x.b"))  # fmt: skip
     assert "dropout 20 ms" in keys(silent)
@@ -432,9 +432,9 @@ def test_times_that_are_declared_are_said(tmp_path: Path) -> None:
 
 def test_only_all_times_make_p1c_proved(tmp_path: Path) -> None:
     facts = facts_with(tmp_path, DECLARED)
-    assert p1c_of(facts) == "proved"
+    assert p1c_verdict(facts) == "proved"
     facts.ways.undeclared = {"N": None}
-    assert p1c_of(facts) == "assumed"
+    assert p1c_verdict(facts) == "assumed"
     assert "undeclared N" in keys(facts)
 
 

@@ -65,13 +65,13 @@ def test_a_program_of_an_older_soter_is_no_false_one(
     main.write_text(f"{PROGRAM.format(imported='')}{GONE.format(verify)}{wrong_besides}")
     certificate.contents["program/main.soter"] = main.read_bytes()
     with pytest.raises(SoterError if wrong_besides else NotRecheckedError, match="S026"):
-        certificate_program.program_of(certificate)
+        certificate_program.read_program(certificate)
 
 
 def test_a_program_is_read_with_its_parameters(tmp_path: Path) -> None:
     for params, values in (({}, {}), ({"speed": (1.5).hex()}, {"speed": 1.5})):
         certificate = certificate_of(tmp_path, params, values=values)
-        checked, overrides = certificate_program.program_of(certificate)
+        checked, overrides = certificate_program.read_program(certificate)
         assert overrides == values
         assert checked.program is not None
         assert checked.ok
@@ -80,18 +80,18 @@ def test_a_program_is_read_with_its_parameters(tmp_path: Path) -> None:
 @pytest.mark.parametrize("main", [None, 3, "other.soter", "../main.soter", ""])
 def test_a_main_file_that_is_not_there(tmp_path: Path, main: object) -> None:
     with pytest.raises(RejectedError, match="main file"):
-        certificate_program.program_of(certificate_of(tmp_path, {}, main=main))
+        certificate_program.read_program(certificate_of(tmp_path, {}, main=main))
 
 
 @pytest.mark.parametrize("params", [None, [], "speed", {"other": (1.0).hex()}, {"speed": 1.0}])
 def test_parameters_that_are_none(tmp_path: Path, params: object) -> None:
     with pytest.raises(RejectedError, match=r"params|parameter|hexadecimal"):
-        certificate_program.program_of(certificate_of(tmp_path, params))
+        certificate_program.read_program(certificate_of(tmp_path, params))
 
 
 def test_a_program_is_the_one_that_the_manifest_says(tmp_path: Path) -> None:
     with pytest.raises(RejectedError, match="another one"):
-        certificate_program.program_of(certificate_of(tmp_path, {}, program_sha256="0" * 64))
+        certificate_program.read_program(certificate_of(tmp_path, {}, program_sha256="0" * 64))
 
 
 def test_a_program_with_errors_is_none(tmp_path: Path) -> None:
@@ -100,15 +100,15 @@ def test_a_program_with_errors_is_none(tmp_path: Path) -> None:
     for text in ("soter 1; system", "soter 1; topic x: nothing;", ""):
         path.write_text(text)
         with pytest.raises(SoterError):
-            certificate_program.program_of(certificate)
+            certificate_program.read_program(certificate)
 
 
 def test_every_file_below_the_program_is_read(tmp_path: Path) -> None:
     files = {"more.soter": "soter 1;\n"}
     imported = 'import "more.soter" as more;\n'
-    certificate_program.program_of(certificate_of(tmp_path, {}, files=files, imported=imported))
+    certificate_program.read_program(certificate_of(tmp_path, {}, files=files, imported=imported))
     with pytest.raises(RejectedError, match=r"does not read `program/more\.soter`"):
-        certificate_program.program_of(certificate_of(tmp_path, {}, files=files))
+        certificate_program.read_program(certificate_of(tmp_path, {}, files=files))
 
 
 @pytest.mark.parametrize("inside", [True, False])
@@ -123,7 +123,7 @@ def test_what_is_read_lies_in_the_certificate(tmp_path: Path, inside: bool) -> N
     certificate = certificate_of(folder, {}, imported=imported)
     certificate.contents.pop("program/more.soter", None)
     with pytest.raises(RejectedError, match="outside the certificate"):
-        certificate_program.program_of(certificate)
+        certificate_program.read_program(certificate)
 
 
 @pytest.mark.parametrize("mark", [b"", b"\xef\xbb\xbf"])
@@ -144,12 +144,12 @@ def test_what_was_checked_is_what_is_sealed(tmp_path: Path, mark: bytes) -> None
 )
 def test_a_number_that_is_not_written_in_the_one_way(text: object) -> None:
     with pytest.raises(RejectedError, match=r"hexadecimal|not written"):
-        certificate_program.hexadecimal(text, "x")
+        certificate_program.number_from_hexadecimal(text, "x")
 
 
 def test_a_number_is_written_in_one_way() -> None:
     for value in (0.0, -0.0, 1.5, -2.75e-300, 5e-324, 1.7e308):
-        found = certificate_program.hexadecimal(value.hex(), "x")
+        found = certificate_program.number_from_hexadecimal(value.hex(), "x")
         assert json.dumps(found) == json.dumps(value)
 
 

@@ -33,10 +33,10 @@ def test_a_rank_that_leads_to_cells_without_one_is_not_shown(tmp_path: Path) -> 
     group = GroupTables((0, 1), grid, none + 1, rank=rank, rank_holds=holds)
     check = ChainCheck(CaseModel(facts, (), extents), group)
     home = np.zeros(grid.shape, dtype=np.bool_)
-    assert list(cells_not_nearer(check, Cells(grid, home), grid.whole))
+    assert list(cells_not_nearer(check, Cells(grid, home), grid.all_cells))
     home[...] = True
     home[MIDDLE] = False
-    assert not list(cells_not_nearer(check, Cells(grid, home), grid.whole))
+    assert not list(cells_not_nearer(check, Cells(grid, home), grid.all_cells))
 
 
 LATE = """soter 1;
@@ -97,4 +97,4 @@ def test_a_rank_that_holds_only_where_commands_are_as_late_as_each_other(
     home = np.zeros(grid.shape, dtype=np.bool_)
     home[:, lowest:] = True
     home[FAST] = False
-    assert (not list(cells_not_nearer(check, Cells(grid, home), grid.whole))) == shown
+    assert (not list(cells_not_nearer(check, Cells(grid, home), grid.all_cells))) == shown

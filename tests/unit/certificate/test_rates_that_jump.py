@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import soter
-from soter.certificate.reading.folder import canonical
+from soter.certificate.reading.folder import canonical_json
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -72,7 +72,7 @@ def forged(folder: Path, rate: str) -> Path:
     for x in entry["inputs"]:
         if x["kind"] == "state":
             x["low"], x["high"] = (0.0).hex(), (10.0).hex()
-    raw = canonical(manifest)
+    raw = canonical_json(manifest)
     (sealed / "manifest.json").write_bytes(raw)
     (sealed / "SEAL").write_text(hashlib.sha256(raw).hexdigest() + "\n")
     return sealed

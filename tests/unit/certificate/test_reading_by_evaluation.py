@@ -18,13 +18,13 @@ import pytest
 from soter.certificate.reading import symbolic_reading
 from soter.certificate.reading.symbolic_reading import CallFrame, Surroundings, SymbolicReader
 from soter.certificate.reading.symbolic_values import (
-    decided,
-    identical,
+    as_bool,
+    as_truth,
+    is_identical,
     is_known,
     scalar_leaves,
-    truth_of,
+    symbolic_int,
     value_of_leaves,
-    whole,
 )
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.linear_enclosures import exact
@@ -232,7 +232,7 @@ def test_code_is_what_it_computes(program: Any, name: str, rounded: bool) -> Non
     fun, terms = program.funs[f"f_{name}"], Terms()
     inputs = inputs_of(terms, (-6.0, 6.0), (-6.0, 6.0))
     reader = SymbolicReader(terms, Surroundings({}, {}), rounded=rounded)
-    value = reader.call(fun, inputs)
+    value = reader.result_of_call(fun, inputs)
     evaluate = Evaluator({}).function(fun)
     fine = 0
     for point in itertools.product(POINTS, repeat=2):
@@ -267,7 +267,7 @@ def test_so_long_a_step_is_read(monkeypatch: pytest.MonkeyPatch, program: Any) -
 def _reads(monkeypatch: pytest.MonkeyPatch, fun: Any, most: int) -> bool:
     monkeypatch.setattr(symbolic_reading, "STEPS_MAX", most)
     try:
-        SymbolicReader(Terms(), Surroundings({}, {})).call(fun, [2.0])
+        SymbolicReader(Terms(), Surroundings({}, {})).result_of_call(fun, [2.0])
     except NotRecheckedError:
         return False
     return True
@@ -309,9 +309,9 @@ def test_a_step_publishes_on_both_sides(tmp_path: Path, body: str, refused: str)
     reader = SymbolicReader(terms, Surroundings({}, {topic: x}, 0.01))
     if refused:
         with pytest.raises(NotRecheckedError, match=refused):
-            reader.step(node.step, {})
+            reader.published_by_step(node.step, {})
         return
-    published = {t.name: v for t, v in reader.step(node.step, {}).items()}
+    published = {t.name: v for t, v in reader.published_by_step(node.step, {}).items()}
     for v in (-1.0, 1.0):
         wanted = {
             "publish u = x; p": (v, 1.0),
@@ -336,14 +336,14 @@ def test_what_is_not_understood_is_refused(program: Any) -> None:
     (parameter,) = fun.parameters
     read: Any = SimpleNamespace(variable=parameter)
     with pytest.raises(NotRecheckedError, match="where it is read"):
-        reader._variable(read, frame)
-    assert reader._variable(read, CallFrame({parameter: 2.0})) == 2.0
+        reader._variable_value(read, frame)
+    assert reader._variable_value(read, CallFrame({parameter: 2.0})) == 2.0
     for body, words in ((None, "extern"), ((), "not rechecked yet")):
         extern: Any = SimpleNamespace(
             body=body, name="f", parameters=(), result=FLOAT, prelude=False
         )
         with pytest.raises(NotRecheckedError, match=words):
-            reader.call(extern, ())
+            reader.result_of_call(extern, ())
 
 
 @pytest.mark.parametrize("known", [TRUE, FALSE])
@@ -397,11 +397,11 @@ def test_the_side_that_is_not_taken_is_not_looked_at(
     (x,) = inputs_of(terms, (-2.0, 2.0))
     fun = program.funs[f"of_{name}"]
     reader = SymbolicReader(terms, Surroundings({}, {}))
-    found = reader.call(fun, [not looks, x])
+    found = reader.result_of_call(fun, [not looks, x])
     assert found is x if other == "x" else found is other
     for c in (looks, terms.below_zero(x)):
         with pytest.raises(NotRecheckedError, match="extern"):
-            reader.call(fun, [c, x])
+            reader.result_of_call(fun, [c, x])
 
 
 def test_one_part_of_a_value_is_made_new() -> None:
@@ -416,7 +416,7 @@ def test_one_part_of_a_value_is_made_new() -> None:
         rows = [list(row) for row in old]
         rows[i][k] = 9.0
         assert reader.replace_part(many, old, [i, k], 9.0) == tuple(map(tuple, rows))
-    unknown: list[list[Any]] = [[x, 0], [0, x], [whole(x), 0]]
+    unknown: list[list[Any]] = [[x, 0], [0, x], [symbolic_int(x), 0]]
     for keys in unknown:
         with pytest.raises(NotRecheckedError, match="an assignment at an index that depends"):
             reader.replace_part(many, old, keys, 9.0)
@@ -428,7 +428,7 @@ def test_one_part_of_a_value_is_made_new() -> None:
 def test_a_value_is_known_where_all_of_it_is() -> None:
     terms = Terms()
     (x,) = inputs_of(terms, (0.0, 1.0))
-    unknown = (x, whole(x), terms.below_zero(x))
+    unknown = (x, symbolic_int(x), terms.below_zero(x))
     for known in (True, False, 0, 2, -0.0, (), (1.0, (2, True)), ((), 3.0)):
         assert is_known(known)
         for y in unknown:
@@ -438,7 +438,7 @@ def test_a_value_is_known_where_all_of_it_is() -> None:
             assert not is_known((known, (known, y)))
     for a, b in itertools.product((0.0, -0.0, 1.0, 1, 0, True, False), repeat=2):
         same = type(a) is type(b) and math.copysign(1.0, a) == math.copysign(1.0, b) and a == b
-        assert identical(a, b) is same
+        assert is_identical(a, b) is same
 
 
 @pytest.mark.parametrize("kind", ["term", "whole", "number", "pair", "nothing"])
@@ -452,18 +452,18 @@ def test_a_bool_is_known_or_a_proposition(tmp_path: Path, kind: str) -> None:
     (x,) = inputs_of(terms, (-1.0, 1.0))
     strange: dict[str, Any] = {
         "term": x,
-        "whole": whole(x),
+        "whole": symbolic_int(x),
         "number": 1.0,
         "pair": (True, True),
         "nothing": None,
     }
     reader = SymbolicReader(terms, Surroundings({}, {}))
     for fine in (True, False, terms.below_zero(x)):
-        assert reader.call(program.funs["same"], [fine]) is fine
-        truth = truth_of(fine)
+        assert reader.result_of_call(program.funs["same"], [fine]) is fine
+        truth = as_truth(fine)
         assert truth is (fine if isinstance(fine, Proposition) else TRUE if fine else FALSE)
-        assert decided(truth) is fine
-    for refuses in (lambda y: reader.call(program.funs["same"], [y]), truth_of):
+        assert as_bool(truth) is fine
+    for refuses in (lambda y: reader.result_of_call(program.funs["same"], [y]), as_truth):
         with pytest.raises(NotRecheckedError, match="such a bool"):
             refuses(strange[kind])
 
@@ -478,9 +478,9 @@ def test_a_loop_goes_over_what_is_known_to_be_there() -> None:
     loop: Any = SimpleNamespace(sequence=sequence, variable=each, body=(), span=None)
     for count in range(3):
         frame = CallFrame({variable: (x,) * count})
-        assert len(reader._unrolled(loop, frame)) == count
+        assert len(reader._unrolled_loop(loop, frame)) == count
     with pytest.raises(NotRecheckedError, match="such a `for`"):
-        reader._unrolled(loop, CallFrame({variable: x}))
+        reader._unrolled_loop(loop, CallFrame({variable: x}))
 
 
 def test_leaves_make_a_value_of_their_type_and_none_is_left() -> None:

@@ -116,7 +116,7 @@ def term_of(path: Path, name: str, terms: Terms) -> tuple[list[Linear], Linear]:
     reads = tuple(typed.VarRead(p.type, p.span, p) for p in fun.parameters)
     call = typed.TypedCall(fun.result, fun.span, fun, reads)
     reader = SymbolicReader(terms, Surroundings({}, {}))
-    value = reader.expression(call, dict(zip(fun.parameters, inputs, strict=True)))
+    value = reader.evaluate(call, dict(zip(fun.parameters, inputs, strict=True)))
     return inputs, value
 
 
@@ -355,7 +355,7 @@ def test_motions_enclose_solutions() -> None:
             e, total = numeric(a, b, float(time))
             first, last = min(time, Fraction(0)), max(time, Fraction(0))
             motion, wide = flow.solution(time, time), flow.solution(first, last)
-            added = flow.added(flow.noise, first, last)
+            added = flow.noise_bounds(flow.noise, first, last)
             for i in range(3):
                 for j in range(3):
                     assert abs(float(motion.state[i][j]) - e[i, j]) < 1e-6

@@ -12,7 +12,7 @@ from generators.handover_program import CHANGES, GUARD, GUARDS, IN, handover, of
 from soter.api.program import load
 from soter.certificate.case_check import CaseCheck
 from soter.certificate.cell_sets import Cells
-from soter.certificate.extras.handovers import jumps_of
+from soter.certificate.extras.handovers import jumps_by_plant
 from soter.certificate.reading.module_facts import DiffersError
 from soter.certificate.reading.problem import read_facts
 from soter.certificate.rechecker import recheck
@@ -44,10 +44,10 @@ def proved(tmp_path_factory: pytest.TempPathFactory) -> Proved:
 
     def noted(*given: Any) -> Any:
         asked.append(given)
-        return jumps_of(*given)
+        return jumps_by_plant(*given)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("soter.certificate.extras.handovers.jumps_of", noted)
+        patch.setattr("soter.certificate.extras.handovers.jumps_by_plant", noted)
         patch.setattr("os.cpu_count", lambda: 1)
         report = recheck(folder / "cert")
     return folder / "cert", report, asked
@@ -71,7 +71,7 @@ def whys(tmp_path: Path, text: str, proved: Proved) -> list[str]:
     reasons = []
     for facts, (other, groups, claims) in zip(facts_of(tmp_path, text), proved[2], strict=True):
         facts.times, facts.extents = other.times, other.extents
-        (jumps,) = jumps_of(facts, groups, claims).values()
+        (jumps,) = jumps_by_plant(facts, groups, claims).values()
         (jump,) = jumps
         reasons.append(jump.why)
     return reasons
@@ -230,7 +230,7 @@ def test_a_map_that_moves_by_itself_is_not_told(tmp_path: Path, proved: Proved) 
 def test_without_enters_nothing_is_tried(tmp_path: Path, proved: Proved) -> None:
     for facts in facts_of(tmp_path, of_walls().replace("enters In(left, right);", "")):
         _, groups, claims = proved[2][0]
-        assert jumps_of(facts, groups, claims) == {}
+        assert jumps_by_plant(facts, groups, claims) == {}
 
 
 # ---------------------------------------------------------------- the sets
@@ -300,7 +300,7 @@ def test_of_where_the_state_jumps_to_nobody_knows_that_it_is_safe(
     try:
         group.free = whole.copy()
         group.free[: sum(e < 1.0 for e in group.grid.edges[0]) - 1] = False
-        (jumps,) = jumps_of(facts, [[grid]], claims).values()
+        (jumps,) = jumps_by_plant(facts, [[grid]], claims).values()
         assert "outside R(H), at" in jumps[0].why
     finally:
         group.free = whole
@@ -353,11 +353,11 @@ def test_a_cell_that_is_taken_out_of_r_is_missed(proved: Proved, tmp_path: Path)
     whole = group.free.copy()
     at = group.grid.cells((2.0, 2.0, 0.0, 0.0))
     assert at is not None
-    assert Cells(group.grid, whole).count(at) == 1
+    assert Cells(group.grid, whole).members_in(at) == 1
     try:
         group.free = whole.copy()
         group.free[tuple(low for low, _ in at)] = False
-        (jumps,) = jumps_of(facts, [[grid]], claims).values()
+        (jumps,) = jumps_by_plant(facts, [[grid]], claims).values()
         assert "outside R(H), at" in jumps[0].why
     finally:
         group.free = whole
@@ -366,7 +366,7 @@ def test_a_cell_that_is_taken_out_of_r_is_missed(proved: Proved, tmp_path: Path)
 def test_sets_that_nobody_claims_confirm_nothing(proved: Proved, tmp_path: Path) -> None:
     facts = facts_of(tmp_path, of_walls())[0]
     _, groups, _ = proved[2][0]
-    (jumps,) = jumps_of(facts, groups, {"P2a"}).values()
+    (jumps,) = jumps_by_plant(facts, groups, {"P2a"}).values()
     assert jumps[0].why == "nothing is claimed with which R(H) is confirmed"
 
 

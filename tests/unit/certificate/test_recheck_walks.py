@@ -11,11 +11,11 @@ import pytest
 from bench.recheck.models import Cart
 
 from soter.certificate.case_check import CaseCheck
-from soter.certificate.cell_sets import Cells, Grid, cells_unshown, volume
+from soter.certificate.cell_sets import Cells, Grid, cell_count, cells_unshown
 from soter.certificate.extras import estimates_and_shield
 from soter.certificate.grid.grid_group import GridGroup
 from soter.certificate.grid.group_claims import ChainCheck, GroupTables, cells_not_nearer
-from soter.certificate.grid.sc_chains import points_inwards
+from soter.certificate.grid.sc_chains import is_grid_never_left
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.report import RejectedError
 from soter.certificate.terms.compile_terms import form_of_box
@@ -99,8 +99,8 @@ def test_what_flows_inwards(
     tmp_path: Path, rate: str, extra: str, bound: float, inwards: bool
 ) -> None:
     model, groups = lag(tmp_path, rate, extra, bound)
-    assert points_inwards(model, groups[1].states) == inwards
-    assert not points_inwards(model, groups[0].states), "its command moves it"
+    assert is_grid_never_left(model, groups[1].states) == inwards
+    assert not is_grid_never_left(model, groups[0].states), "its command moves it"
 
 
 def test_a_group_that_flows_inwards_needs_no_chain(
@@ -108,19 +108,19 @@ def test_a_group_that_flows_inwards_needs_no_chain(
 ) -> None:
     model, groups = lag(tmp_path, "4.0", "d", 1.13)
     asked = []
-    chain = ChainCheck.chain
+    chain = ChainCheck.compiled_chain
 
     def noted(self: ChainCheck, pieces: int) -> Any:
         asked.append(self.group.states)
         return chain(self, pieces)
 
-    monkeypatch.setattr(ChainCheck, "chain", noted)
+    monkeypatch.setattr(ChainCheck, "compiled_chain", noted)
     check = GridGroup(groups[1]).check(model, None)
     assert check.kept
-    assert list(check.show_core()) == list(check.show_free(10**6)) == []
+    assert list(check.core_tasks()) == list(check.free_tasks(10**6)) == []
     assert asked == []
     check.kept = False
-    assert list(check.show_core())
+    assert list(check.core_tasks())
     assert asked
 
 
@@ -133,7 +133,7 @@ def test_a_part_of_a_group_that_flows_inwards_is_not_kept_for_free(tmp_path: Pat
     own = [GridGroup(tables) for tables in (groups[0], part)]
     case = CaseCheck(model, own, {"P2a"}, {}, 1)
     with pytest.raises(RejectedError, match="lead back"):
-        case.check()
+        case.show_claims()
 
 
 def some_cells(*members: int) -> NDArray[np.uint8]:
@@ -163,7 +163,7 @@ def test_a_claim_for_which_the_tables_are_not_enough_is_refused(why: str, tmp_pa
     claim, tables, recover_ns = REFUSED[why]
     own = [GridGroup(replace(groups[0], **tables)), GridGroup(groups[1])]
     with pytest.raises(RejectedError, match=why):
-        CaseCheck(model, own, {claim}, {"recover_ns": recover_ns}, 1).check()
+        CaseCheck(model, own, {claim}, {"recover_ns": recover_ns}, 1).show_claims()
 
 
 def test_the_longest_way_back_is_no_longer_than_the_program_allows(tmp_path: Path) -> None:
@@ -172,7 +172,7 @@ def test_the_longest_way_back_is_no_longer_than_the_program_allows(tmp_path: Pat
     own = [GridGroup(slow), GridGroup(groups[1])]
     for recover_ns, why in ((10**9, "SC may take longer"), (2 * 10**9, "is another one in the")):
         with pytest.raises(RejectedError, match=why):
-            CaseCheck(model, own, {"P2b"}, {"recover_ns": recover_ns}, 1).check()
+            CaseCheck(model, own, {"P2b"}, {"recover_ns": recover_ns}, 1).show_claims()
 
 
 def test_what_a_law_keeps_is_told_on_the_cells_of_sc(tmp_path: Path) -> None:
@@ -201,7 +201,7 @@ def test_where_the_dm_gives_control_back_by_a_table_q_lies_in_it(tmp_path: Path)
         )
         check = GridGroup(tables).check(model, None)
         with pytest.raises(RejectedError, match=why):
-            list(check.show_return(None))
+            list(check.return_tasks(None))
 
 
 def test_levels_are_as_many_as_are_asked_for_and_each_in_the_one_before(tmp_path: Path) -> None:
@@ -214,9 +214,9 @@ def test_levels_are_as_many_as_are_asked_for_and_each_in_the_one_before(tmp_path
     ):
         check = GridGroup(replace(groups[0], levels=levels)).check(model, None)
         with pytest.raises(RejectedError, match=why):
-            list(check.show_levels(10**6))
+            list(check.levels_tasks(10**6))
     check = GridGroup(replace(groups[0], levels=[sets[0], sets[2]])).check(model, None)
-    assert len(list(check.show_levels(10**6))) == 2
+    assert len(list(check.levels_tasks(10**6))) == 2
 
 
 @pytest.mark.parametrize(
@@ -227,7 +227,7 @@ def test_a_command_outside_its_set_ends_a_chain(
     tmp_path: Path, law: str, near: bool, far: bool
 ) -> None:
     model, groups = lag(tmp_path, "4.0", "d", 1.13, law)
-    chain = ChainCheck(model, groups[0]).chain(1)
+    chain = ChainCheck(model, groups[0]).compiled_chain(1)
     for at, known in (((20, 22), near), ((38, 39), far)):
         form = form_of_box(groups[0].grid.box((at,)), symbols=True)
         assert (chain.first(form) is not None) == known
@@ -252,9 +252,9 @@ def test_a_walk_gives_back_the_cells_that_nothing_showed() -> None:
             ) -> NDArray[np.bool_]:
                 here = tuple(slice(a, b) for a, b in at)
                 assert not (wanted & ~todo[here]).any(), "only what is wanted"
-                tried.append(volume(at))
+                tried.append(cell_count(at))
                 some = draw.random(wanted.shape) < 0.3
-                shown: NDArray[np.bool_] = true[here] & (some | (volume(at) == 1))
+                shown: NDArray[np.bool_] = true[here] & (some | (cell_count(at) == 1))
                 return shown
 
             whole = tuple((0, n) for n in shape)
@@ -288,8 +288,8 @@ def test_a_block_is_followed_while_all_of_it_is_within(
     whole = dict(check.follow(box, [2, 5], everywhere, 1))
     assert list(whole) == [2, 5]
     assert all(len(ends) == 1 for ends in whole.values())
-    assert check.leads(box, 5, everywhere, lambda end: end in whole[5], 1)
-    assert not check.leads(box, 5, everywhere, lambda end: end in whole[2], 1)
+    assert check.leads_to(box, 5, everywhere, lambda end: end in whole[5], 1)
+    assert not check.leads_to(box, 5, everywhere, lambda end: end in whole[2], 1)
     halves = dict(check.follow(box, [2, 5], everywhere, 1, cuts=1))
     assert [len(ends) for ends in halves.values()] == [1, 2]
     for axis in (0, 1):  # the parts together are no larger than the whole
@@ -312,7 +312,7 @@ def test_every_cell_is_held_to_its_own_rank(small: tuple[CaseModel, GroupTables]
     rank[3, 4:6] = (2, 3)
     group = replace(group, rank=rank, rank_holds=holds)
     check = ChainCheck(model, group)
-    whole = group.grid.whole
+    whole = group.grid.all_cells
     assert list(cells_not_nearer(check, Cells(group.grid, home), whole)) == []
     rank[8, 4:6] = 1  # beside home, and of a rank that only home is below
     rank[2, 4:6] = 1
@@ -334,7 +334,7 @@ def estimated(
     model, groups = lag(tmp_path, "4.0", "d", 1.13)
     for state in range(len(errors)):
         monkeypatch.setitem(model.facts.leaves, state, (0, ()))
-    monkeypatch.setattr(estimates_and_shield, "error_of", lambda _, state: errors[state])
+    monkeypatch.setattr(estimates_and_shield, "estimate_error", lambda _, state: errors[state])
     return model, groups
 
 

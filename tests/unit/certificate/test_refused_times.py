@@ -231,7 +231,7 @@ def test_sc_that_acts_within_more_than_half_its_period_is_rechecked_on_cells_alo
     pairs: Pairs = (("acts within 1ms", f"acts within {latest}ms"), *BESIDE[beside])
     if not late or beside == "cells":
         facts = facts_of(tmp_path, PROGRAMS["written"], *pairs)
-        assert facts.late_commands == (2 * facts.times["j_ns"] > 50_000_000) == late
+        assert facts.has_late_commands == (2 * facts.times["j_ns"] > 50_000_000) == late
     else:
         with pytest.raises(NotRecheckedError, match="half its period"):
             facts_of(tmp_path, PROGRAMS["written"], *pairs)
@@ -341,7 +341,7 @@ def test_sc_may_not_fault_on_a_state_beside_a_default(
 )
 def test_what_is_published_at_once_is_default_at_once(tmp_path: Path, pairs: Pairs) -> None:
     facts = facts_of(tmp_path, SEEN, *pairs)
-    assert facts.setting.first_available(0, facts.setting.by_sc) > facts.setting.sc.phase
+    assert facts.setting.first_with_state(0, facts.setting.by_sc) > facts.setting.sc.phase
     check_start_answers(facts)
 
 
@@ -494,10 +494,7 @@ def test_a_node_in_a_process_of_its_own_is_not_in_the_thread_of_the_module(
     assert ("in step" in kinds, "passes" in kinds) == (inside, not inside)
     flat = system_to_prove(check_file(str(tmp_path / "small.soter")), "S")
     problem = extract(flat, flat.modules[0])
-    said = [
-        t
-        for t in assumption_texts(problem.assumptions)
-        if "Driver" in t and "thread of the module" in t
-    ]
+    texts = assumption_texts(problem.assumptions)
+    said = [t for t in texts if "Driver" in t and "thread of the module" in t]
     assert bool(said) == inside
     assert problem.times.jitter_sc == facts.times["j_ns"] == (5 if inside else 6) * 1_000_000

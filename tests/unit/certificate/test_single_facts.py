@@ -16,8 +16,8 @@ from soter.certificate.grid.grid_group import GridCheck, GridGroup
 from soter.certificate.grid.sc_chains import uncrossed_ends
 from soter.certificate.reading import case_model, problem, supported_constructs
 from soter.certificate.reading.case_model import CaseModel
-from soter.certificate.reading.linear_flows import is_linear, linear_flow
-from soter.certificate.reading.supported_constructs import check_supported
+from soter.certificate.reading.linear_flows import has_linear_rates, linear_flow
+from soter.certificate.reading.supported_constructs import require_supported
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.linear_enclosures import ZERO
 from soter.language.model.tree_walk import nodes
@@ -51,26 +51,26 @@ def test_of_a_map_no_end_is_known_not_to_be_crossed() -> None:
 
 def test_what_is_no_part_that_is_known_is_refused(tmp_path: Path) -> None:
     facts = facts_of(tmp_path)
-    check_supported(facts)
+    require_supported(facts)
     plant = next(c for c in facts.flying.components if c.plant)
     plant.role = "oracle"
     with pytest.raises(NotRecheckedError, match="is a oracle"):
-        check_supported(facts)
+        require_supported(facts)
 
 
 def test_a_module_that_is_followed_in_flight_has_no_cells(tmp_path: Path) -> None:
     facts = facts_of(tmp_path)
     facts.symbol.rest = facts.symbol.safe  # type: ignore[assignment]
     with pytest.raises(NotRecheckedError, match=r"rest|follow"):
-        check_supported(facts)
+        require_supported(facts)
 
 
 def test_a_module_that_never_decides_is_refused(tmp_path: Path) -> None:
     facts = facts_of(tmp_path)
-    check_supported(facts)
+    require_supported(facts)
     facts.flying_module.forced = "ac"
     with pytest.raises(NotRecheckedError, match="forced"):
-        check_supported(facts)
+        require_supported(facts)
 
 
 def test_a_plant_that_reads_what_nobody_commands(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -80,7 +80,7 @@ def test_a_plant_that_reads_what_nobody_commands(monkeypatch: pytest.MonkeyPatch
     plant = SimpleNamespace(reads=[topic])
     c: Any = SimpleNamespace(name="P", plant=plant, scope=SimpleNamespace(topics={}))
     with pytest.raises(NotRecheckedError, match="no output of the module"):
-        CaseModel._inputs_of_plant(model, c, [])
+        CaseModel._commands_to_plant(model, c, [])
 
 
 def test_an_axis_names_one_state_or_none() -> None:
@@ -131,7 +131,9 @@ def test_an_end_is_not_crossed_where_the_flow_leads_in(
 
 
 def test_a_chain_sees_the_rates_of_what_it_follows(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("soter.certificate.grid.grid_group.is_linear", lambda model, _: model)
+    monkeypatch.setattr(
+        "soter.certificate.grid.grid_group.has_linear_rates", lambda model, _: model
+    )
     for kept, linear in itertools.product((True, False), repeat=2):
         check: Any = SimpleNamespace(kept=kept, model=linear, tables=SimpleNamespace(states=(0,)))
         assert GridCheck.shows_rates_defined.fget(check) == (not kept and not linear)  # type: ignore[attr-defined]
@@ -154,7 +156,7 @@ def test_a_flow_that_is_not_linear_is_not_solved_at_once(tmp_path: Path) -> None
             facts_of(tmp_path, ("der q = -q", f"der q = {rate}")), (), ((-3.0, 3.0), (-1.0, 1.0))
         )
         (index,) = (i for i, s in enumerate(model.facts.states) if s.name.endswith("q.q"))
-        assert is_linear(model, [index]) is linear
+        assert has_linear_rates(model, [index]) is linear
         if linear:
             linear_flow(model, [index])
         else:
@@ -166,9 +168,9 @@ def test_a_flow_that_is_not_linear_is_not_solved_at_once(tmp_path: Path) -> None
 def test_a_group_has_the_tables_that_its_entry_names(there: str) -> None:
     core = np.ones(1, dtype=np.uint8)
     certificate: Any = SimpleNamespace(
-        count=lambda _: None,
-        numbers=lambda name, *_: core if name == "K" else f"numbers {name}",
-        bits=lambda name, _: f"bits {name}",
+        count_cells=lambda _: None,
+        number_table=lambda name, *_: core if name == "K" else f"numbers {name}",
+        set_of_cells=lambda name, _: f"bits {name}",
     )
     named: Any = {"S": ["S"], "W_N": "W_N"} | {n: n for n in "KRQW"}
     entry = {n: named[n] for n in ("K", *there, *(("W_N",) if "W" in there else ()))}
@@ -192,7 +194,7 @@ def test_a_table_of_the_dm_has_the_axes_of_its_group(tmp_path: Path, state: str)
     group = SimpleNamespace(states=(index,), grid=Grid(((0.0, 1.0),)))
     check: Any = SimpleNamespace(tables=group)
     axis = {"state": state, "edges": [0.0, 2.0]}
-    certificate: Any = SimpleNamespace(edges=tuple)
+    certificate: Any = SimpleNamespace(breakpoints=tuple)
     why = "elsewhere" if state == "p.p" else "other axes"
     with pytest.raises(RejectedError, match=why):
         compare_table(certificate, facts, [check.tables], {"axes": [axis], "levels": None})
@@ -222,7 +224,7 @@ def test_nobody_beside_the_module_publishes_its_outputs(who: str) -> None:
     facts: Any = SimpleNamespace(
         flying=SimpleNamespace(components=[sc, *beside], inputs=inputs, topics=topics),
         flying_module=SimpleNamespace(outputs=(0,), sc=0),
-        commanding=[sc],
+        controllers=[sc],
     )
     if who == "nobody":
         supported_constructs._require_own_topics(facts)
@@ -312,7 +314,7 @@ def test_a_command_is_any_of_those_of_all_locals_and_modes(
     )
     model = CaseModel(facts, (), ((-3.0, 3.0), (-1.0, 1.0)))
     terms, states = model.new_terms()
-    (command,) = model.commands(terms, states)
+    (command,) = model.sc_commands(terms, states)
     assert (float(command.low), float(command.high)) == pytest.approx(ends)
 
 
@@ -324,7 +326,7 @@ def test_a_run_starts_as_is_declared_and_where_what_flies_is(
     pairs = zip("abc", (FLOAT, FLOAT, IntType(1, 3)), strict=True)
     states = [Variable(n, of, "state", NO_SPAN) for n, of in pairs]
     begun = None if real is None else (*real, 2)
-    monkeypatch.setattr("soter.certificate.extras.views.flown", lambda *_: begun)
+    monkeypatch.setattr("soter.certificate.extras.views.states_at_start", lambda *_: begun)
     plant = SimpleNamespace(states=states, der={states[0]: 1}, next={})
     c: Any = SimpleNamespace(
         name="p", index=4, plant=plant, initial=(0.875, 1.0, 3),

@@ -22,10 +22,10 @@ from soter.certificate.case_check import (
 from soter.certificate.cell_sets import Cells, Grid
 from soter.certificate.grid.grid_group import GridCheck, GridGroup
 from soter.certificate.reading import folder as folders
-from soter.certificate.reading.folder import FORMAT, canonical, read_certificate
+from soter.certificate.reading.folder import FORMAT, canonical_json, read_certificate
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.compile_terms import AffineForms
-from soter.certificate.terms.linear_enclosures import ZERO, above, below, exact
+from soter.certificate.terms.linear_enclosures import ZERO, exact, lower, upper
 from soter.certificate.terms.terms import Linear, Terms
 from unit.certificate import small_proofs
 from unit.certificate.test_one_instant import TEXT
@@ -53,7 +53,7 @@ def facts_of(folder: Path, *pairs: tuple[str, str]) -> Facts:
 
 
 def sealed(folder: Path, manifest: dict[str, Any]) -> Path:
-    raw = canonical(manifest)
+    raw = canonical_json(manifest)
     (folder / "manifest.json").write_bytes(raw)
     (folder / "SEAL").write_text(hashlib.sha256(raw).hexdigest() + "\n")
     return folder
@@ -73,19 +73,19 @@ def test_another_format_is_named(tmp_path: Path, given: int, word: str) -> None:
 
 def test_a_file_that_grows_or_shrinks_is_seen(tmp_path: Path) -> None:
     (tmp_path / "file").write_bytes(b"12345")
-    assert folders._read(tmp_path, "file", 5) == b"12345"
+    assert folders._read_file(tmp_path, "file", 5) == b"12345"
     for size in (4, 6):
         with pytest.raises(RejectedError, match="while it was read"):
-            folders._read(tmp_path, "file", size)
+            folders._read_file(tmp_path, "file", size)
 
 
 def test_as_many_cells_as_are_looked_at(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(folders, "CELLS_MAX", 24)
     certificate = folders.Certificate(tmp_path, {}, {}, set())
     for shape in ((3, 4), (12,)):
-        certificate.count(shape)
+        certificate.count_cells(shape)
     with pytest.raises(NotRecheckedError, match="more than 24 cells"):
-        certificate.count((1,))
+        certificate.count_cells((1,))
 
 
 @pytest.mark.parametrize("modules", [[], {}, None])
@@ -110,7 +110,7 @@ def claimed(
     **more: str,
 ) -> None:
     monkeypatch.setattr("soter.certificate.case_check.check_module_claims", lambda *_: None)
-    monkeypatch.setattr("soter.certificate.case_check.p1c_of", lambda _: "assumed")
+    monkeypatch.setattr("soter.certificate.case_check.p1c_verdict", lambda _: "assumed")
     by_dm, by_sc = ([SimpleNamespace(name=n) for n in names] for names in (seen, "xy"))
     setting = SimpleNamespace(by_dm=by_dm, by_sc=by_sc)
     times = {"H_ns": horizon, "H_star_ns": least}
@@ -203,17 +203,17 @@ def test_k_holds_no_cell_on_which_safe_is_not_certain(
             lawful=None if lawful is None else Cells(grid, np.array(lawful)),
             chains=None,
             tables=SimpleNamespace(core=None),
-            never_left=lambda _: not left,
+            are_never_left=lambda _: not left,
         )
         certain = [
             a and (lawful is None or b) for a, b in zip(allowed, lawful or allowed, strict=True)
         ]
         if all(c or not m for m, c in zip(members, certain, strict=True)):
-            asked: list[Any] = list(GridCheck.show_core(check))
+            asked: list[Any] = list(GridCheck.core_tasks(check))
             assert asked == (["asked"] if left else [])
         else:
             with pytest.raises(RejectedError, match="not certain"):
-                GridCheck.show_core(check)
+                GridCheck.core_tasks(check)
 
 
 @pytest.mark.parametrize(("begins", "asked"), [((2.0, 3.0), True), ((3.0,), False)])
@@ -224,10 +224,10 @@ def test_a_start_is_asked_with_the_values_with_which_runs_start(
     starts: list[int] = []
     case: Any = SimpleNamespace(
         model=SimpleNamespace(facts=facts, parameter=(2.0,)),
-        checks=[SimpleNamespace(show_start=starts.append)],
+        checks=[SimpleNamespace(start_tasks=starts.append)],
         _add_tasks=list,
     )
-    CaseCheck._ask_start(case)
+    CaseCheck._add_start_tasks(case)
     assert starts == ([7] if asked else [])
 
 
@@ -236,7 +236,7 @@ def test_each_case_is_held_to_the_law(monkeypatch: pytest.MonkeyPatch, law: str 
     made = []
 
     def case(*_: object) -> Any:
-        made.append(SimpleNamespace(lawful=None, check=lambda: None))
+        made.append(SimpleNamespace(lawful=None, show_claims=lambda: None))
         return made[-1]
 
     monkeypatch.setattr(rechecker, "CaseModel", lambda *_: None)
@@ -315,11 +315,11 @@ def test_what_is_assumed_of_modes_is_said(tmp_path: Path, monkeypatch: pytest.Mo
 def test_a_bound_of_a_ball_is_a_bound_and_no_farther_than_it_has_to_be() -> None:
     step = 2.0**-52
     between = exact(1.0) + 3 * exact(step) / 2 + arb(0, 2.0**-100)
-    assert below(between) == 1 + step
-    assert above(exact(1.0) + exact(step) / 2 + arb(0, 2.0**-100)) == 1 + step
+    assert lower(between) == 1 + step
+    assert upper(exact(1.0) + exact(step) / 2 + arb(0, 2.0**-100)) == 1 + step
     wide = arb(1, 0.25)
-    assert 0.75 - 1e-9 < below(wide) <= wide.lower()
-    assert wide.upper() <= above(wide) < 1.25 + 1e-9
+    assert 0.75 - 1e-9 < lower(wide) <= wide.lower()
+    assert wide.upper() <= upper(wide) < 1.25 + 1e-9
 
 
 def test_a_factor_that_may_be_zero_turns_the_ends_round() -> None:

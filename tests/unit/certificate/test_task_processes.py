@@ -79,8 +79,8 @@ def test_tasks_may_be_more_than_a_pipe_holds() -> None:
 def test_processes_end_when_nobody_waits() -> None:
     running = TaskProcesses(2, lambda _: str(signal.sigwait({signal.SIGUSR1})), 2)
     processes = [p.pid for p in running._processes]
-    running.end()
+    running.end_processes()
     for pid in processes:
         with pytest.raises(ProcessLookupError):
             os.kill(pid, 0)
-    running.end()
+    running.end_processes()

@@ -15,13 +15,13 @@ from flint import arb
 
 from soter.certificate import rechecker
 from soter.certificate.cell_sets import Grid
-from soter.certificate.extras.prelude_functions import prelude
+from soter.certificate.extras.prelude_functions import prelude_function
 from soter.certificate.extras.sc_locals_and_modes import any_alternative
-from soter.certificate.extras.tables import select_from_table
+from soter.certificate.extras.tables import element_of_table
 from soter.certificate.grid.chain_form_layout import FormLayout
 from soter.certificate.grid.group_claims import ChainCheck, half_of_form
 from soter.certificate.reading import supported_constructs
-from soter.certificate.reading.folder import _overrides
+from soter.certificate.reading.folder import _parameter_values
 from soter.certificate.reading.symbolic_operations import Operations
 from soter.certificate.reading.symbolic_reading import CallFrame, Surroundings, SymbolicReader
 from soter.certificate.reading.symbolic_values import Rows
@@ -83,7 +83,7 @@ def test_a_limit_that_is_a_number_takes_one_kink() -> None:
     for constant in (True, False):
         terms = Terms()
         x, y = inputs_of_two(terms)
-        Operations(terms, rounded=True).extreme("min", 1.0 if constant else y, x)
+        Operations(terms, rounded=True).min_or_max("min", 1.0 if constant else y, x)
         kinds = [a.kind for a in terms.atoms[2:]]
         assert kinds == (["max0"] if constant else ["max0", "min"])
 
@@ -92,7 +92,7 @@ def test_a_limit_that_is_a_number_takes_one_kink() -> None:
 def test_a_function_is_off_by_its_bound_where_numbers_are_rounded(rounded: bool) -> None:
     terms = Terms()
     x, _ = inputs_of_two(terms)
-    prelude(Operations(terms, rounded=rounded), "sin", x)
+    prelude_function(Operations(terms, rounded=rounded), "sin", x)
     assert terms.atoms[-1].extra.is_zero() is not rounded
 
 
@@ -123,11 +123,11 @@ def test_a_root_asks_that_there_is_one() -> None:
     operations = Operations(terms, rounded=True)
     square = terms.apply_function("square", x, nonnegative=True)
     assert terms.multiply(x, x).nonnegative
-    assert not operations.builtin("sqrt", square).rests
-    root = operations.builtin("sqrt", x)
+    assert not operations.result_of_builtin("sqrt", square).rests
+    root = operations.result_of_builtin("sqrt", x)
     assert root.rests
     assert not terms.obligations
-    operations.demand(root)
+    operations.demand_finite(root)
     assert terms.obligations == list(root.rests)
 
 
@@ -221,7 +221,7 @@ def test_a_table_of_one_column_is_read() -> None:
     operations = Operations(terms, rounded=True)
     for width in (1, 2):
         rows = Rows([tuple(float(10 * r + c) for c in range(width)) for r in range(3)], x)
-        value: Any = select_from_table(operations, rows, y)
+        value: Any = element_of_table(operations, rows, y)
         low, high = image(terms, value, [(2.0, 2.0), (width - 1.0, width - 1.0)])[1]
         assert abs(low - (20 + width - 1)) < 1e-9
         assert abs(high - low) < 1e-9
@@ -256,7 +256,7 @@ def test_each_old_command_is_as_far_off_as_its_range_is_wide(given: bool) -> Non
         form[2 * (n + k)], form[2 * (n + k) + 1] = low, high
         form[2 * count + n + k] = (low + high) / 2
         form[(3 + n) * count + n + k] = (high - low) / 2
-    opened = layout.open(tuple(form), None if given else ends)
+    opened = layout.take_apart(tuple(form), None if given else ends)
     symbols = set()
     for k, (low, high) in enumerate(ends):
         row = opened.z[n + k]
@@ -310,7 +310,7 @@ def read(folder: Path, name: str, terms: Terms) -> Linear:
     assert checked.program is not None, checked.diagnostics
     fun = checked.program.funs[name]
     frame = CallFrame(dict(zip(fun.parameters, inputs_of_two(terms), strict=True)))
-    value = SymbolicReader(terms, Surroundings({}, {})).block(fun.body or (), frame)
+    value = SymbolicReader(terms, Surroundings({}, {})).run_block(fun.body or (), frame)
     assert isinstance(value, Linear)
     return value
 
@@ -342,9 +342,9 @@ def test_what_nobody_says_is_refused(tmp_path: Path) -> None:
     topics = {s.name: s for s in check_file(str(path)).program.topics.values()}  # type: ignore[union-attr]
     reader = SymbolicReader(Terms(), Surroundings({}, {topics["there"]: 1.0}))
     expression: Any = SimpleNamespace(topic=topics["there"])
-    assert reader._topic(expression, CallFrame({})) == 1.0
+    assert reader._topic_value(expression, CallFrame({})) == 1.0
     expression.topic, expression.module = topics["unknown"], "M"
-    for of in (reader._topic, reader._period, reader._mode):
+    for of in (reader._topic_value, reader._period_value, reader._mode_value):
         with pytest.raises(NotRecheckedError):
             of(expression, CallFrame({}))
 
@@ -389,10 +389,10 @@ def test_a_parameter_that_the_program_does_not_have_is_rejected(tmp_path: Path) 
     for name, fine in (("of", True), ("S.nowhere.of", False), ("other", False)):
         given: Any = SimpleNamespace(manifest={"params": {name: (2.0).hex()}})
         if fine:
-            assert _overrides(given, checked.program) == {name: 2.0}
+            assert _parameter_values(given, checked.program) == {name: 2.0}
         else:
             with pytest.raises(RejectedError, match="no parameter"):
-                _overrides(given, checked.program)
+                _parameter_values(given, checked.program)
 
 
 @pytest.mark.parametrize(("most", "fine"), [(1, True), (0, False)])
@@ -405,17 +405,21 @@ def test_as_many_cases_as_are_gone_through(
     monkeypatch.setattr(rechecker, "check_static_claims", lambda *_: None)
     entry = {"claims": {"P2a": "proved"}, "cases": []}
     with pytest.raises(RejectedError if fine else NotRecheckedError, match="combinations"):
-        rechecker.read_claimed(SimpleNamespace(), facts, entry)  # type: ignore[arg-type]
+        rechecker.read_claims(SimpleNamespace(), facts, entry)  # type: ignore[arg-type]
 
 
 def test_a_module_has_tables_where_its_predicates_are_computed_and_else_none(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     facts = small_proofs.facts_of(_written(tmp_path, PROGRAMS["written"]), "S", "M")
-    for name in ("compare_figures", "check_static_claims", "refuse_unclaimed"):
+    for name in (
+        "compare_figures",
+        "check_static_claims",
+        "refuse_parts_without_claim",
+    ):
         monkeypatch.setattr(rechecker, name, lambda *_, **__: None)
     monkeypatch.setattr(rechecker, "read_groups", lambda *_: [])
     case: Any = {"parameter": [], "groups": []}
     entry: Any = {"claims": {"P2a": "proved"}, "cases": [case], "tables": []}
     with pytest.raises(RejectedError, match="has tables of its DM"):
-        rechecker.read_claimed(SimpleNamespace(), facts, entry)  # type: ignore[arg-type]
+        rechecker.read_claims(SimpleNamespace(), facts, entry)  # type: ignore[arg-type]

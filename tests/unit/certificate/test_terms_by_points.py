@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from soter.certificate.extras.prelude_functions import with_error
-from soter.certificate.extras.tables import lookup
+from soter.certificate.extras.prelude_functions import with_error_bound
+from soter.certificate.extras.tables import table_term
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.compile_terms import (
     compile_lines,
@@ -385,7 +385,7 @@ def test_a_spread_is_as_wide_as_its_weights_say() -> None:
 def test_a_table_is_read_where_it_has_elements() -> None:
     terms, x, y = two_inputs()
     values = [float(10 * r + c) for r in range(3) for c in range(2)]
-    made = lookup(terms, values, [x, y], [3, 2])
+    made = table_term(terms, values, [x, y], [3, 2])
     assert (float(made.low), float(made.high)) == (0.0, 21.0)
     for r, c in itertools.product(range(-1, 4), range(-1, 3)):
         inside = all(holds(terms, o, r, c) for o in terms.obligations)
@@ -395,13 +395,13 @@ def test_a_table_is_read_where_it_has_elements() -> None:
     assert image(terms, made, [(0.5, 1.5), (0.0, 1.0)])[1] == (10.0, 11.0)
     for wrong in (math.inf, -math.inf, math.nan):
         with pytest.raises(NotRecheckedError, match="not finite"):
-            lookup(terms, [1.0, wrong], [x], [2])
+            table_term(terms, [1.0, wrong], [x], [2])
 
 
 def test_a_function_that_is_off_is_kept_in_its_range() -> None:
     for low, high, wanted in ((-9.0, 9.0, (-1.25, 1.25)), (-1.0, 1.0, (-1.0, 1.0))):
         terms, x, _ = two_inputs()
-        wide = with_error(
+        wide = with_error_bound(
             terms, terms.apply_function("sin", x), ZERO, exact(0.25), exact(low), exact(high)
         )
         assert (float(wide.low), float(wide.high)) == pytest.approx(wanted, abs=1e-6)

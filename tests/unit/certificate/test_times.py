@@ -20,7 +20,7 @@ from soter.certificate.reading.derived_times import (
     TimingSetting,
     TopicPath,
     TopicReading,
-    derive,
+    derive_times,
 )
 from soter.certificate.report import NotRecheckedError
 
@@ -70,7 +70,7 @@ class Run:
             times = range(path.sensor.phase, until, path.sensor.period)
             return [(t, t, t) for t in times]
         node = path.nodes[-1]
-        before = self.publications(path.before, until + 20)
+        before = self.publications(path.path_before_last_node, until + 20)
         publications = []
         for t in range(node.phase, until, node.period):
             start = t + self.some(node.late)
@@ -180,7 +180,7 @@ def test_no_schedule_exceeds_a_time_and_nearly_all_are_reached() -> None:
         seed += 1
         setting = drawn(random.Random(seed))  # noqa: S311 - dice
         try:
-            times = derive(setting)
+            times = derive_times(setting)
         except NotRecheckedError:
             continue
         used += 1
@@ -197,7 +197,7 @@ def skips(setting: TimingSetting, dice: random.Random) -> bool:
     run, sc = Run(setting, dice), setting.sc
     due = range(sc.phase, 150, sc.period)
     published = [
-        (t + run.some(setting.starts_by(t) - t) + run.some(sc.response), k)
+        (t + run.some(setting.latest_start(t) - t) + run.some(sc.response), k)
         for k, t in enumerate(due)
     ]
     at_once = {k for at, k in published if at == due[k]}
@@ -229,7 +229,7 @@ def test_no_node_skips_an_output_where_the_jitter_is_let_through() -> None:
         )
         setting = replace(drawn(dice), effects=(NodeEffect(0, 0, nodes),))
         try:
-            jitter = derive(setting).jitter
+            jitter = derive_times(setting).jitter
         except NotRecheckedError:
             continue
         missing = any(skips(setting, dice) for _ in range(20))
@@ -255,9 +255,9 @@ def plain(**more: object) -> TimingSetting:
 
 
 def test_sc_is_late_because_the_dm_is() -> None:
-    times = derive(plain(dm=Clock("dm", 100, 0, 40, 0)))
+    times = derive_times(plain(dm=Clock("dm", 100, 0, 40, 0)))
     assert (times.jitter, times.h_0) == (40, 40)
-    times = derive(plain(dm=Clock("dm", 100, 0, 10, 5), sc=Clock("sc", 50, 0, 7, 3)))
+    times = derive_times(plain(dm=Clock("dm", 100, 0, 10, 5), sc=Clock("sc", 50, 0, 7, 3)))
     assert (times.jitter, times.h_0) == (18, 18)
 
 
@@ -265,48 +265,48 @@ def test_the_first_output_that_counts_reads_a_state() -> None:
     """SC steps before the node in one instant: at 0 it reads the default."""
     node = Clock("n", 50, 0, 0, 0)
     read = TopicReading("x", (NodePath(Clock("p", 10), (node,)),), 60)
-    assert derive(plain(by_sc=(read,))).h_0 == 50
-    assert derive(plain(by_sc=(read,), silent=60)).start == 150
+    assert derive_times(plain(by_sc=(read,))).h_0 == 50
+    assert derive_times(plain(by_sc=(read,), silent=60)).start == 150
 
 
 def test_ac_may_be_called_on_what_was_made_of_a_default() -> None:
     """Two nodes in one instant: the second may publish before the first has, with a fresh stamp."""
     path = NodePath(Clock("p", 10), (Clock("a", 50), Clock("b", 50)))
     read = TopicReading("x", (path,), 60)
-    times = derive(plain(dm=Clock("dm", 100, 40), by_dm=(read,), by_sc=(read,)))
+    times = derive_times(plain(dm=Clock("dm", 100, 40), by_dm=(read,), by_sc=(read,)))
     assert path.may_publish_nothing()
     assert (times.h_0, times.start) == (100, 150)
 
 
 def test_a_silent_sensor_makes_reads_older() -> None:
-    still, silent = derive(plain()), derive(plain(silent=30))
+    still, silent = derive_times(plain()), derive_times(plain(silent=30))
     assert silent.delay == still.delay + 30
     assert silent.age == still.age  # enforced, where nobody stands between
     node = TopicReading("x", (NodePath(Clock("p", 10), (Clock("n", 50),)),), 60)
-    with_node = [derive(plain(by_dm=(node,), silent=k)).age for k in (0, 30)]
+    with_node = [derive_times(plain(by_dm=(node,), silent=k)).age for k in (0, 30)]
     assert with_node[1] == with_node[0] + 30
 
 
 def test_runs_that_overlap_are_not_rechecked() -> None:
     with pytest.raises(NotRecheckedError, match="`dm`"):
-        derive(plain(dm=Clock("dm", 100, 0, 80, 30)))
+        derive_times(plain(dm=Clock("dm", 100, 0, 80, 30)))
     with pytest.raises(NotRecheckedError, match="slower"):
-        derive(plain(sc=Clock("sc", 200)))
+        derive_times(plain(sc=Clock("sc", 200)))
 
 
 def test_a_sensor_publishes_a_state_from_the_first_time_on() -> None:
     late = TopicPath(Clock("p", 10, 250))
     assert not late.may_publish_nothing()
     read = TopicReading("x", (late,), 20)
-    assert derive(plain(by_dm=(read,), by_sc=(read,))).start == 250
+    assert derive_times(plain(by_dm=(read,), by_sc=(read,))).start == 250
 
 
 def test_what_comes_after_very_many_releases_is_not_rechecked() -> None:
     read = TopicReading("late", (TopicPath(Clock("p", 10, 10**9)),), 20)
     with pytest.raises(NotRecheckedError, match="too many releases"):
-        derive(plain(by_sc=(read,)))
+        derive_times(plain(by_sc=(read,)))
 
 
 def test_periods_that_hardly_ever_meet_are_not_rechecked() -> None:
     with pytest.raises(NotRecheckedError, match="releases"):
-        derive(plain(dm=Clock("dm", 100_000_007), sc=Clock("sc", 99_999_989)))
+        derive_times(plain(dm=Clock("dm", 100_000_007), sc=Clock("sc", 99_999_989)))

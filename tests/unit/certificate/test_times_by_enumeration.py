@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from soter.certificate.extras.maps import check_instants
+from soter.certificate.extras.maps import require_instants_of_map
 from soter.certificate.reading import derived_times
 from soter.certificate.reading.derived_times import (
     Clock,
@@ -19,9 +19,9 @@ from soter.certificate.reading.derived_times import (
     TimingSetting,
     TopicPath,
     TopicReading,
-    check_runs,
-    derive,
-    releases,
+    check_runs_do_not_overlap,
+    derive_times,
+    releases_in_hyperperiod,
 )
 from soter.certificate.report import NotRecheckedError
 from tables import all_rows
@@ -65,7 +65,7 @@ class Defaults(TopicPath):
 class Missed(Effect):
     """Acts at once only on what is published in the instant of its release."""
 
-    def latest(self, published: int, *, at_once: bool) -> int:
+    def latest_action(self, published: int, *, at_once: bool) -> int:
         return published + self.most + (0 if at_once else 1)
 
 
@@ -185,12 +185,12 @@ def test_times_are_what_they_are_defined_to_be() -> None:
         setting = drawn(dice)
         if runs(setting):
             fine += 1
-            found = derive(setting)
+            found = derive_times(setting)
             wanted = defined(setting)
             assert {key: getattr(found, key) for key in wanted} == wanted, setting
         else:
             with pytest.raises(NotRecheckedError):
-                check_runs(setting)
+                check_runs_do_not_overlap(setting)
     assert 40 < fine < 140
 
 
@@ -201,10 +201,10 @@ def test_a_clock_is_due_at_its_releases() -> None:
         assert clock.last_release(time) == last_until(clock, time)
         for end, other in itertools.product(range(time - 1, time + 7), (0, 3)):
             times = [t for t in range(time, end) if (t - other) % period == 0]
-            assert list(clock.times_in(time, end, other)) == times
-    assert Clock("c", 9, late=2, response=3).slow == 5
+            assert list(clock.times_at_phase(time, end, other)) == times
+    assert Clock("c", 9, late=2, response=3).max_delay == 5
     assert Clock("c", 9) == Clock("c", 9, 0, 0, 0)
-    assert list(releases(Clock("c", 2), [3])) == [0, 2, 4]
+    assert list(releases_in_hyperperiod(Clock("c", 2), [3])) == [0, 2, 4]
 
 
 def test_a_read_is_oldest_before_a_publication() -> None:
@@ -228,7 +228,7 @@ def test_a_read_is_oldest_before_a_publication() -> None:
 def test_an_output_acts_between_its_bounds() -> None:
     effect = Effect(2, 5)
     for at_once in (True, False):
-        assert (effect.earliest(7), effect.latest(7, at_once=at_once)) == (9, 12)
+        assert (effect.earliest_action(7), effect.latest_action(7, at_once=at_once)) == (9, 12)
     assert effect.clocks == ()
     assert (Effect().least, Effect().most) == (0, 0)
     plain = TimingSetting(Clock("the DM", 4), Clock("SC", 4), (), ())
@@ -237,26 +237,26 @@ def test_an_output_acts_between_its_bounds() -> None:
 
 def test_as_many_releases_as_are_gone_through(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = Clock("c", 2, 1)
-    assert list(releases(clock, [3, 4], after=6)) == [7, 9, 11, 13, 15, 17]
+    assert list(releases_in_hyperperiod(clock, [3, 4], after=6)) == [7, 9, 11, 13, 15, 17]
     for most in (5, 6, 7):
         monkeypatch.setattr(derived_times, "RELEASES_MAX", most)
         if most >= 6:
-            assert len(list(releases(clock, [3, 4]))) == 6
+            assert len(list(releases_in_hyperperiod(clock, [3, 4]))) == 6
         else:
             with pytest.raises(NotRecheckedError, match="6 releases"):
-                releases(clock, [3, 4])
+                releases_in_hyperperiod(clock, [3, 4])
 
 
 def test_as_many_releases_of_the_dm_as_are_gone_through(monkeypatch: pytest.MonkeyPatch) -> None:
     plain = TimingSetting(Clock("the DM", 4), Clock("SC", 4), (), ())
-    assert derive(plain).h_star == 4  # settled after 16: so 1 + 4 + 1 releases
+    assert derive_times(plain).h_star == 4  # settled after 16: so 1 + 4 + 1 releases
     for most in (1, 2, 3):
         monkeypatch.setattr(derived_times, "RELEASES_MAX", most)
         if most == 3:
-            derive(plain)
+            derive_times(plain)
         else:
             with pytest.raises(NotRecheckedError, match="DM has too many"):
-                derive(plain)
+                derive_times(plain)
 
 
 def test_a_run_may_last_until_the_next_one_is_due() -> None:
@@ -266,24 +266,24 @@ def test_a_run_may_last_until_the_next_one_is_due() -> None:
         slow = Clock("the DM", 4, 0, late, response)
         for s in (setting, replace(setting, dm=slow, sc=Clock("SC", 4))):
             if late + response <= 4:
-                check_runs(s)
+                check_runs_do_not_overlap(s)
             else:
                 with pytest.raises(NotRecheckedError, match="may not be over"):
-                    check_runs(s)
+                    check_runs_do_not_overlap(s)
     for period in (3, 4, 5):
         s = TimingSetting(Clock("the DM", 4), Clock("SC", period), (), ())
         if period <= 4:
-            check_runs(s)
+            check_runs_do_not_overlap(s)
         else:
             with pytest.raises(NotRecheckedError, match="slower"):
-                check_runs(s)
+                check_runs_do_not_overlap(s)
     for response in (1, 2, 3):
         s = TimingSetting(Clock("the DM", 8, 0, 1, 1), Clock("SC", 4, 0, 0, response), (), ())
         if response <= 2:
-            check_runs(s)
+            check_runs_do_not_overlap(s)
         else:
             with pytest.raises(NotRecheckedError, match="may not be done"):
-                check_runs(s)
+                check_runs_do_not_overlap(s)
 
 
 # ---------------------------------------------------------------- beside a map
@@ -360,6 +360,6 @@ def test_what_stands_beside_a_map(more: dict[str, Any], why: str, dm_reads: bool
     facts, setting = map_setting(**more, dm_reads=dm_reads)
     if why:
         with pytest.raises(NotRecheckedError, match=why):
-            check_instants(facts, setting)
+            require_instants_of_map(facts, setting)
     else:
-        check_instants(facts, setting)
+        require_instants_of_map(facts, setting)

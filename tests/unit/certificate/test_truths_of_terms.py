@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from soter.certificate.cell_predicates import influence
+from soter.certificate.cell_predicates import influence_of_inputs
 from soter.certificate.extras.resting import TermsBesideZero
 from soter.certificate.terms.compile_terms import (
     compile_step,
@@ -28,7 +28,7 @@ from soter.certificate.terms.terms import (
     choice_of_truths,
     conjuncts,
     either,
-    inputs_of,
+    input_atoms,
     is_same_number,
     negation,
 )
@@ -249,10 +249,10 @@ def test_what_a_term_depends_on() -> None:
     chosen = terms.choose(truth, y, terms.constant(1.0))
     atom = len(terms.atoms) - 1
     assert atoms_under(terms, [chosen]) == {0, 1, 2, square, atom}
-    assert inputs_of(terms, [chosen]) == {0, 1, 2}
-    assert inputs_of(terms, [truth]) == {0, 2}
-    assert inputs_of(terms, [TRUE]) == set()
-    assert inputs_of(terms, [x, y]) == {0, 1}
+    assert input_atoms(terms, [chosen]) == {0, 1, 2}
+    assert input_atoms(terms, [truth]) == {0, 2}
+    assert input_atoms(terms, [TRUE]) == set()
+    assert input_atoms(terms, [x, y]) == {0, 1}
     assert atoms_under(terms, []) == set()
 
 
@@ -267,7 +267,7 @@ def test_how_much_inputs_move_what_is_compared() -> None:
         (both(line, product), [0], 60.0), (negation(line), [1], 12.0), (TRUE, [0], 0.0),
     ]  # fmt: skip
     for truth, inputs, most in table:
-        assert float(influence(terms, truth, inputs)) == most
+        assert float(influence_of_inputs(terms, truth, inputs)) == most
 
 
 @all_rows("seed", range(40))

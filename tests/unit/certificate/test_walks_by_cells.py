@@ -61,7 +61,9 @@ def test_cells_of_which_a_chain_does_not_lead_back() -> None:
         kernel = Cells(LINE, group.core > 0)
         for allowed in (bools(1, 1, 1, 1), bools(1, 1, 1, 0), bools(0, 1, 1, 1)):
             check: Any = Shift(-1.0, group)
-            left = list(cells_not_led(check, group.core, Cells(LINE, allowed), kernel, LINE.whole))
+            left = list(
+                cells_not_led(check, group.core, Cells(LINE, allowed), kernel, LINE.all_cells)
+            )
             wanted = []
             for i, holds in enumerate(core):
                 way = range(max(i - holds, -1), i + 1)
@@ -81,7 +83,7 @@ def test_cells_from_which_a_chain_does_not_come_nearer() -> None:
                 rank_holds=np.array([0, *holds], dtype=np.uint8),
             )
             check: Any = Shift(-1.0, group)
-            left = list(cells_not_nearer(check, Cells(LINE, bools(1, 0, 0, 0)), LINE.whole))
+            left = list(cells_not_nearer(check, Cells(LINE, bools(1, 0, 0, 0)), LINE.all_cells))
             order = [0, *(r or 10**6 for r in rank)]
             wanted = [
                 i
@@ -94,7 +96,7 @@ def test_cells_from_which_a_chain_does_not_come_nearer() -> None:
     holds_, asked = np.array([3, 0, 1, 3], dtype=np.uint8), bools(1, 1, 0, 1)
     assert holds_of(holds_, asked) == [3]
     assert holds_of(holds_, bools(1, 1, 1, 1)) == [1, 3]
-    assert grid.whole == ((0, 4),)
+    assert grid.all_cells == ((0, 4),)
 
 
 def test_cells_from_which_a_command_may_lead_out() -> None:
@@ -106,11 +108,11 @@ def test_cells_from_which_a_command_may_lead_out() -> None:
 
     check: Any = SimpleNamespace(group=SimpleNamespace(grid=LINE), stays_in_parts=keeps)
     every = Cells(LINE, bools(1, 1, 1, 1))
-    assert list(cells_driven_out(check, bools(1, 1, 1, 1), every, LINE.whole)) == [((3, 4),)]
+    assert list(cells_driven_out(check, bools(1, 1, 1, 1), every, LINE.all_cells)) == [((3, 4),)]
     assert splits == [0, 0, 0, 0, group_claims.SPLITS] or splits[-1] in (0, group_claims.SPLITS)
     assert splits[0] == 0
     assert group_claims.SPLITS in splits
-    assert list(cells_driven_out(check, bools(1, 1, 1, 0), every, LINE.whole)) == []
+    assert list(cells_driven_out(check, bools(1, 1, 1, 0), every, LINE.all_cells)) == []
 
 
 def test_a_free_phase_stays_from_its_beginning_on() -> None:
@@ -136,10 +138,10 @@ def test_a_free_phase_stays_from_its_beginning_on() -> None:
         check = FreeCheck(model, group, 5)
         check._phases[4] = (step, step)
         within = Cells(LINE, bools(*members))
-        assert check.stays([(exact(start), exact(start + 1))], within, 4) is stays
+        assert check.stays_in([(exact(start), exact(start + 1))], within, 4) is stays
         assert begun == forms
     check._phases[4] = (lambda _: None,)
-    assert check.stays([(exact(0.0), exact(1.0))], Cells(LINE, bools(1, 1, 1, 1)), 4) is False
+    assert check.stays_in([(exact(0.0), exact(1.0))], Cells(LINE, bools(1, 1, 1, 1)), 4) is False
 
 
 def test_a_free_phase_is_cut_finer_where_it_may_be() -> None:
@@ -159,7 +161,7 @@ def test_a_free_phase_is_cut_finer_where_it_may_be() -> None:
             asked.append((pieces, float(box[0][1] - box[0][0])))
             return pieces >= least
 
-        check: Any = SimpleNamespace(stays=stays)
+        check: Any = SimpleNamespace(stays_in=stays)
         assert FreeCheck.stays_in_parts(check, [(exact(0.0), exact(1.0))], None, splits) is wanted  # type: ignore[arg-type]
         assert asked[0] == (4, 1.0)
         assert (len(asked) > 1) is (splits > 0 and fine_from > 4)
@@ -169,7 +171,9 @@ def test_a_free_phase_is_cut_finer_where_it_may_be() -> None:
 def test_chains_are_tried_finer_and_finer(monkeypatch: pytest.MonkeyPatch) -> None:
     """Any way through all windows of one division shows a cell; no half-shown division does."""
     monkeypatch.setattr(
-        group_claims, "windows", lambda *_, by_age=False: ("c", "d") if by_age else ("a", "b")
+        group_claims,
+        "windows_of_runs",
+        lambda *_, by_age=False: ("c", "d") if by_age else ("a", "b"),
     )
     every = Cells(LINE, bools(1, 1, 1, 1))
     group = tables([1] * 4)
@@ -187,7 +191,7 @@ def test_chains_are_tried_finer_and_finer(monkeypatch: pytest.MonkeyPatch) -> No
             seen.add((window, cuts, float(box[0][1] - box[0][0])))
             return window in good
 
-        monkeypatch.setattr(check, "leads", leads)
+        monkeypatch.setattr(check, "leads_to", leads)
         box = [(exact(0.0), exact(1.0))]
         assert check.leads_in_parts(box, 3, every, every.contains) is wanted
         assert whole not in good or seen == {(whole, 0, 1.0)}
@@ -196,7 +200,7 @@ def test_chains_are_tried_finer_and_finer(monkeypatch: pytest.MonkeyPatch) -> No
                 (cuts, min(w for v, c, w in seen if v == "c" and c == cuts)) for _, cuts, _ in seen
             }
             assert tried == {(0, 2.0**-6), (4, 2.0**-4), (7, 2.0**-4)}
-    monkeypatch.setattr(group_claims, "windows", lambda *_, **__: (whole,))
+    monkeypatch.setattr(group_claims, "windows_of_runs", lambda *_, **__: (whole,))
     assert ChainCheck(None, group)._window_splits() == [(whole,)]  # type: ignore[arg-type]
 
 
@@ -212,7 +216,7 @@ def test_where_older_reads_than_there_are_are_too_much_those_that_there_are_foll
     monkeypatch: pytest.MonkeyPatch, good: bool
 ) -> None:
     """Once, for all that follows; the windows are left for the reads that there are."""
-    monkeypatch.setattr(group_claims, "windows", lambda *_, **__: ("a",))
+    monkeypatch.setattr(group_claims, "windows_of_runs", lambda *_, **__: ("a",))
     model, every = model_with_reads(5, own=2), Cells(LINE, bools(1, 1, 1, 1))
     check, asked = ChainCheck(model, tables([1] * 4)), set[Any]()
 
@@ -220,7 +224,7 @@ def test_where_older_reads_than_there_are_are_too_much_those_that_there_are_foll
         asked.add((model.facts.times["d_ns"], window))
         return good and model.facts.times["d_ns"] == 2 and window == "a"
 
-    monkeypatch.setattr(check, "leads", leads)
+    monkeypatch.setattr(check, "leads_to", leads)
     check._chains[1, EVERY] = "of reads 5 old"  # type: ignore[assignment]
     assert check.leads_in_parts([(exact(0.0), exact(1.0))], 3, every, every.contains) is good
     assert asked == {(5, EVERY), (2, EVERY), (2, "a")}
@@ -235,16 +239,16 @@ def test_chains_and_phases_are_compiled_once(monkeypatch: pytest.MonkeyPatch) ->
         return object()
 
     monkeypatch.setattr(group_claims, "sc_chain", noted)
-    monkeypatch.setattr(group_claims, "free_phase", noted)
+    monkeypatch.setattr(group_claims, "phase_steps", noted)
     check: Any = ChainCheck(None, tables([1] * 4))  # type: ignore[arg-type]
-    assert check.chain(1) is check.chain(1)
-    assert check.chain(1) is not check.chain(4)
-    assert check.chain(1, "late") is not check.chain(1)
+    assert check.compiled_chain(1) is check.compiled_chain(1)
+    assert check.compiled_chain(1) is not check.compiled_chain(4)
+    assert check.compiled_chain(1, "late") is not check.compiled_chain(1)
     assert compiled == [(1, EVERY), (4, EVERY), (1, "late")]
     compiled.clear()
     phases = FreeCheck(None, tables([1] * 4), 7)  # type: ignore[arg-type]
-    assert phases.phase(4) is phases.phase(4)
-    assert phases.phase(16) is not phases.phase(4)
+    assert phases.compiled_steps(4) is phases.compiled_steps(4)
+    assert phases.compiled_steps(16) is not phases.compiled_steps(4)
     assert compiled == [(7, 4), (7, 16)]
 
 
@@ -273,5 +277,5 @@ def test_what_is_followed_has_to_hold_of_runs_beyond() -> None:
             box = [(exact(3.5), exact(4.0))]
             found = list(check.follow(box, [1], cells, 1))
             assert bool(found) is fine, (fall, place)
-            assert check.leads(box, 1, cells, cells.contains, 1) is fine
-            assert check.leads(box, 1, cells, lambda _: False, 1) is False
+            assert check.leads_to(box, 1, cells, cells.contains, 1) is fine
+            assert check.leads_to(box, 1, cells, lambda _: False, 1) is False

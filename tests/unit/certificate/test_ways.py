@@ -9,7 +9,7 @@ from bench.recheck.small_modules import PROGRAMS
 
 import soter
 from soter.api import recheck
-from soter.certificate.case_check import p1c_of
+from soter.certificate.case_check import p1c_verdict
 from soter.certificate.reading.module_facts import DiffersError
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.scope import assumptions_of
@@ -42,7 +42,7 @@ def test_times_of_nodes_on_the_way_count(tmp_path: Path) -> None:
     assert facts.times["A_ns"] == 30 * MS + path.longest_lag(0) == 32 * MS
     # SC waits 3 ms, takes 1; the driver steps by 5 and takes 1; 1 until it acts
     assert facts.times["j_ns"] == 7 * MS
-    assert p1c_of(facts) == "proved"
+    assert p1c_verdict(facts) == "proved"
 
 
 def test_a_driver_without_times_runs_behind_sc(tmp_path: Path) -> None:
@@ -54,7 +54,7 @@ def test_a_driver_without_times_runs_behind_sc(tmp_path: Path) -> None:
 
 def test_an_estimate_without_times_makes_p1c_assumed(tmp_path: Path) -> None:
     facts = facts_of(tmp_path, (", Estimate 1ms, Driver 1ms", ", Driver 1ms"))
-    assert p1c_of(facts) == "assumed"
+    assert p1c_verdict(facts) == "assumed"
     assert "undeclared Estimate" in {a.key for a in assumptions_of(facts)}
 
 

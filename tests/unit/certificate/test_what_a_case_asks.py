@@ -43,13 +43,13 @@ def case(monkeypatch: pytest.MonkeyPatch, claims: set[str], **facts: Any) -> tup
     def check(k: int) -> Any:
         return SimpleNamespace(
             shows_rates_defined=k == 1,
-            show_free=lambda h: noted(f"free {k} {h}"),
-            show_levels=lambda ns: noted(f"levels {k} {ns}"),
-            show_core=lambda: noted(f"core {k}"),
+            free_tasks=lambda h: noted(f"free {k} {h}"),
+            levels_tasks=lambda ns: noted(f"levels {k} {ns}"),
+            core_tasks=lambda: noted(f"core {k}"),
             note_safe_cells=lambda cells: asked.append(f"safe {k} {cells}"),
-            show_predicate=lambda name, expr, admits: noted(f"{name} {k} {expr} {admits}"),
+            predicate_tasks=lambda name, expr, admits: noted(f"{name} {k} {expr} {admits}"),
             keep_in_topic_set=lambda t, cells: noted(f"published {k} {t} {cells}"),
-            show_return=lambda cells: noted(f"home {k} {cells}"),
+            return_tasks=lambda cells: noted(f"home {k} {cells}"),
             holds_to_return=k + 1,
         )
 
@@ -67,7 +67,7 @@ def case(monkeypatch: pytest.MonkeyPatch, claims: set[str], **facts: Any) -> tup
     monkeypatch.setattr(
         left_out_states, "require_unread_states", lambda _, n: asked.append(f"reads {n}")
     )
-    monkeypatch.setattr(case_check, "require_all_rates", lambda _, s: asked.append(f"rates {s}"))
+    monkeypatch.setattr(case_check, "require_rates", lambda _, s: asked.append(f"rates {s}"))
     monkeypatch.setattr(case_check, "bounded_topics", lambda _: ["t"])
     monkeypatch.setattr(case_check, "cells_published_in_set", lambda *_: ["c0", "c1"])
     model: Any = SimpleNamespace(facts=own, parameter=(), extents=())
@@ -77,7 +77,7 @@ def case(monkeypatch: pytest.MonkeyPatch, claims: set[str], **facts: Any) -> tup
         "_certain_cells",
         lambda _, expr, errors: [f"{expr} {errors} {k}" for k in range(2)],
     )
-    monkeypatch.setattr(CaseCheck, "_ask_start", lambda _: asked.append("start"))
+    monkeypatch.setattr(CaseCheck, "_add_start_tasks", lambda _: asked.append("start"))
     return made, asked
 
 
@@ -105,7 +105,7 @@ def test_what_is_asked_of_each_group(
     monkeypatch: pytest.MonkeyPatch, claims: set[str], wanted: list[str]
 ) -> None:
     made, asked = case(monkeypatch, claims)
-    made._collect()
+    made._collect_tasks()
     assert asked == ["kept 0 None", "kept 1 None", "rates [(1,)]", *wanted]
     assert made.model.facts.in_sets == (("t",) if claims != {"P1a"} else ())
 
@@ -113,7 +113,7 @@ def test_what_is_asked_of_each_group(
 def test_of_computed_predicates_levels_are_asked(monkeypatch: pytest.MonkeyPatch) -> None:
     made, asked = case(monkeypatch, {"P3"}, computed=True, unbounded={0})
     made.lawful = ["l0", "l1"]
-    made._collect()
+    made._collect_tasks()
     assert asked[:4] == ["kept 0 l0", "kept 1 l1", "reads 2", "rates [(1,)]"]
     assert asked[4:] == [*KERNEL, *FREE, "levels 0 3", "levels 1 3"]
 
@@ -124,7 +124,7 @@ def test_predicates_that_are_not_there_are_not_asked(monkeypatch: pytest.MonkeyP
         setattr(made.model.facts if missing == "ttf" else made.model.facts.symbol, missing, None)
         made.checks = []
         with pytest.raises(NotRecheckedError, match="computed predicates"):
-            made._ask_predicates()
+            made._add_predicate_tasks()
 
 
 @pytest.mark.parametrize("late", [0, 1])
@@ -133,7 +133,7 @@ def test_the_time_to_return_is_the_longest_way(
     monkeypatch: pytest.MonkeyPatch, late: int, decide: int
 ) -> None:
     made, _ = case(monkeypatch, {"P2b"}, times={"delta_ns": 10}, jitter_ns=late, decide_ns=decide)
-    monkeypatch.setattr(case_check, "number_of", lambda _, declared: declared)
+    monkeypatch.setattr(case_check, "const_value", lambda _, declared: declared)
     made._compare_recover_time()  # none is declared
     made.entry = {"recover_ns": 25}
     with pytest.raises(RejectedError, match="declares no time"):
@@ -169,10 +169,10 @@ def test_the_default_of_a_command_lies_in_its_set(default: float) -> None:
         model=SimpleNamespace(facts=facts, parameter=()), checks=[], _add_tasks=list
     )
     if -1.0 <= default <= 2.0:
-        CaseCheck._ask_start(made)
+        CaseCheck._add_start_tasks(made)
     else:
         with pytest.raises(RejectedError, match="the default of `u`"):
-            CaseCheck._ask_start(made)
+            CaseCheck._add_start_tasks(made)
 
 
 @pytest.mark.parametrize("fork", [False, True])
@@ -231,16 +231,16 @@ def test_when_the_start_of_sc_is_asked_about(
     setting = SimpleNamespace(
         by_sc=reads,
         sc=SimpleNamespace(phase=phase),
-        first_available=lambda after, of: first if (after, of) == (0, reads) else -1,
+        first_with_state=lambda after, of: first if (after, of) == (0, reads) else -1,
     )
     facts = SimpleNamespace(setting=setting, levels=3)
     monkeypatch.setattr(rechecker, "read_facts", lambda *_: facts)
     for of, name in (
-        (rechecker, "check_supported"),
+        (rechecker, "require_supported"),
         (sc_locals_and_modes, "check_start_answers"),
     ):
         monkeypatch.setattr(of, name, lambda _, name=name: done.append(name))
     none: Any = None
     found: Any = rechecker.read_problem(none, {"module": "M"})
     assert found is facts
-    assert done == ["check_supported"] + ["check_start_answers"] * (first != phase)
+    assert done == ["require_supported"] + ["check_start_answers"] * (first != phase)

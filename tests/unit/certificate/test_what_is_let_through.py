@@ -76,7 +76,7 @@ def test_a_dm_that_never_gives_back_does_not_return(latch: str | None) -> None:
 @pytest.mark.parametrize("rests", ["proved", "assumed"])
 def test_p1c_is_what_its_times_are(monkeypatch: pytest.MonkeyPatch, rests: str) -> None:
     monkeypatch.setattr(case_check, "check_module_claims", lambda *_: None)
-    monkeypatch.setattr(case_check, "p1c_of", lambda _: rests)
+    monkeypatch.setattr(case_check, "p1c_verdict", lambda _: rests)
     facts: Any = SimpleNamespace(
         times={"H_ns": 5, "H_star_ns": 5},
         setting=SimpleNamespace(by_dm=[], by_sc=[]),
@@ -198,15 +198,15 @@ def test_ways_go_straight_from_a_plant_and_to_one() -> None:
     assert ways.ways_to(ord("b")) == (of[1],)
     with pytest.raises(NotRecheckedError, match="behind `d`"):
         ways.ways_to(ord("d"))
-    assert ways.effects(2, 3) == (Effect(2, 3),)
+    assert ways.find_effects(2, 3) == (Effect(2, 3),)
     for outputs in ("cd", "d"):
         module.outputs = [ord(c) for c in outputs]
         with pytest.raises(NotRecheckedError, match="feels `d`"):
-            ways.effects(0, 0)
+            ways.find_effects(0, 0)
     module.outputs = [ord("c")]
     node_alone = derived_times.Ways(system_of(part("n", reads="c", role="node")), module)
     with pytest.raises(NotRecheckedError, match="feels `c`"):
-        node_alone.effects(0, 0)
+        node_alone.find_effects(0, 0)
 
 
 @pytest.mark.parametrize(
@@ -230,7 +230,7 @@ def test_a_node_between_is_seen(of: dict[str, Any], queues: str, between: bool) 
     first = part("first", drives="e", role="dm")
     for parts in ((first, part("p", **of)), (part("p", **of), first)):
         system = system_of(*parts, queues=queues)
-        assert derived_times.nodes_between(system, module, [ord("a")]) is between
+        assert derived_times.has_nodes_between(system, module, [ord("a")]) is between
 
 
 # ---------------------------------------------------------------- what is understood
@@ -298,7 +298,7 @@ def test_a_function_without_a_body_is_unknown(extern: bool, body: Any) -> None:
     call: Any = t.TypedCall.__new__(t.TypedCall)
     for name, value in (("fun", fun), ("arguments", ())):
         object.__setattr__(call, name, value)
-    assert list(supported_constructs.parts_of([call, call])) == [call, fun]
+    assert list(supported_constructs.code_parts([call, call])) == [call, fun]
     if extern or body is None:
         with pytest.raises(NotRecheckedError, match="extern function"):
             supported_constructs._require_known_code(call, "SC")
@@ -313,7 +313,7 @@ def test_a_queue_is_not_what_a_module_reads() -> None:
         sc = SimpleNamespace(scope=SimpleNamespace(topics={"b": 1, "c": 2}))
         flying = SimpleNamespace(components=[sc], inputs=[], topics=topics)
         module = SimpleNamespace(outputs=(0,), sc=0)
-        facts: Any = SimpleNamespace(flying=flying, flying_module=module, commanding=[sc])
+        facts: Any = SimpleNamespace(flying=flying, flying_module=module, controllers=[sc])
         if queued == 1:
             with pytest.raises(NotRecheckedError, match="`b` is a queue"):
                 supported_constructs._require_own_topics(facts)
@@ -368,7 +368,7 @@ def test_controllers_that_command_are_those_of_the_module() -> None:
     own = SimpleNamespace(
         flying_module=SimpleNamespace(index=1), flying=SimpleNamespace(components=components)
     )
-    commanding: Any = module_facts.Facts.commanding
+    commanding: Any = module_facts.Facts.controllers
     assert [(c.module, c.role) for c in commanding.fget(own)] == [(1, "ac"), (1, "sc")]
 
 
@@ -381,7 +381,7 @@ def test_an_sc_that_is_no_source_reads_nothing_that_is_known() -> None:
 
 
 def test_numbers_of_a_module(facts: Facts) -> None:
-    assert module_facts.number_of(facts, None) == 0
+    assert module_facts.const_value(facts, None) == 0
     assert list(facts.cases()) == list(itertools.product((0, 1), (0, 1, 2), (2, 3, 4)))
 
 
@@ -418,7 +418,7 @@ def test_a_map_is_stepped_as_often_as_it_steps(
     model = model_of(facts)
     _, states = model.new_terms()
     for members in ([0], [1], [0, 1], []):
-        boxes = case_model.boxes_of(model, states, members)
+        boxes = case_model.other_ends(model, states, members)
         wanted = [k for k in range(2) if k not in members]
         assert list(boxes) == [states[k].atom for k in wanted]
         for k in wanted:
@@ -426,16 +426,16 @@ def test_a_map_is_stepped_as_often_as_it_steps(
             assert tuple(map(float, ends)) == model.extents[k]
     period = facts.plants[0].period_ns
     for time, steps in ((0, 0), (1, 1), (period, 1), (period + 1, 2), (3 * period, 3)):
-        assert len(maps.map_free(model, [0, 1], time)) == steps
+        assert len(maps.map_phase(model, [0, 1], time)) == steps
     for most in (1, 2, 3):
         monkeypatch.setattr(maps, "PHASE_MAX", most)
         monkeypatch.setattr(maps, "STEPS_MAX", most)
         if most >= 2:
-            maps.map_free(model, [0, 1], 2 * period)
-            maps.map_step(model, [0, 1])  # two steps of the map in a period of SC
+            maps.map_phase(model, [0, 1], 2 * period)
+            maps.map_steps_in_period(model, [0, 1])  # two steps of the map in a period of SC
         else:
-            for of in (lambda: maps.map_free(model, [0, 1], 2 * period),
-                       lambda: maps.map_step(model, [0, 1])):  # fmt: skip
+            for of in (lambda: maps.map_phase(model, [0, 1], 2 * period),
+                       lambda: maps.map_steps_in_period(model, [0, 1])):  # fmt: skip
                 with pytest.raises(NotRecheckedError, match="steps of the map"):
                     of()
 
@@ -460,12 +460,12 @@ def test_rates_are_defined_or_somebody_looks(
 ) -> None:
     model = model_of(facts_with(tmp_path, ("der p = v;", f"der p = {rate};")))
     if fine:
-        case_check.require_all_rates(model, seen)
+        case_check.require_rates(model, seen)
     else:
         with pytest.raises(NotRecheckedError, match="not defined everywhere"):
-            case_check.require_all_rates(model, seen)
+            case_check.require_rates(model, seen)
 
 
 def test_of_a_map_every_cell_is_asked(tmp_path: Path) -> None:
     pairs = (*MAP[1:], ("der p = v;", "next p = 1.0 / v;"))
-    case_check.require_all_rates(model_of(facts_with(tmp_path, *pairs)), [])
+    case_check.require_rates(model_of(facts_with(tmp_path, *pairs)), [])

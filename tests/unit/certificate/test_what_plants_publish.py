@@ -84,7 +84,7 @@ def test_k_holds_only_states_that_can_be_published(
     assert report.accepted == right, report.reason
     if right:
         assert "set x" in {s.key for s in report.modules[0].shown}
-        assert "set x" not in {s.key for s in report.said}
+        assert "set x" not in {s.key for s in report.all_assumptions}
     else:
         assert "`x`" in report.reason
 

@@ -14,7 +14,7 @@ import pytest
 from soter.certificate.cell_sets import Cells
 from soter.certificate.extras import estimates_and_shield
 from soter.certificate.grid import sc_chains
-from soter.certificate.grid.sc_chains import EVERY, Window, windows
+from soter.certificate.grid.sc_chains import EVERY, Window, windows_of_runs
 from soter.certificate.report import RejectedError
 from tables import all_rows
 from unit.certificate.grid_tables import LINE, bools, tables
@@ -30,15 +30,15 @@ def test_a_window_holds_its_share_of_all_runs() -> None:
     jitter, delay = Fraction(3), Fraction(5)
     for count in (1, 2, 4):
         for index in range(count):
-            early, late = Window(index, count).ends(jitter)
+            early, late = Window(index, count).early_and_late(jitter)
             p = [jitter * k / count for k in (index, index + 1)]
             assert early == max(p)
             assert late == max(jitter - x for x in p)
         for age in range(count):
-            begin, end = Window(0, 1, age, count).taken(delay)
+            begin, end = Window(0, 1, age, count).sample_span(delay)
             assert (begin, end) == (-delay * (age + 1) / count, -delay * age / count)
-    assert EVERY.ends(jitter) == (jitter, jitter)
-    assert EVERY.taken(delay) == (-delay, 0)  # type: ignore[comparison-overlap]
+    assert EVERY.early_and_late(jitter) == (jitter, jitter)
+    assert EVERY.sample_span(delay) == (-delay, 0)  # type: ignore[comparison-overlap]
 
 
 @all_rows("jitter", [0, 2])
@@ -56,25 +56,25 @@ def test_into_which_windows_runs_are_told_apart(
     silent: int,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(sc_chains, "is_linear", lambda *_: linear)
+    monkeypatch.setattr(sc_chains, "has_linear_rates", lambda *_: linear)
     reads = [SimpleNamespace(paths=[SimpleNamespace(clocks=stations)] * n) for n in paths]
     facts = SimpleNamespace(
         kind="flow",
         jitter_ns=jitter,
         delay_ns=delay,
-        late_commands=False,
+        has_late_commands=False,
         setting=SimpleNamespace(by_sc=reads, silent=silent),
     )
     model: Any = SimpleNamespace(facts=facts)
     parts = 4 if jitter else 1
-    assert windows(model, [0], 4) == tuple(Window(k, parts) for k in range(parts))
+    assert windows_of_runs(model, [0], 4) == tuple(Window(k, parts) for k in range(parts))
     mixed = bool(silent) and len(stations) > 1
     ages = 4 if delay and linear and sum(paths) == 1 and not mixed else 1
-    assert windows(model, [0], 4, by_age=True) == tuple(
+    assert windows_of_runs(model, [0], 4, by_age=True) == tuple(
         Window(k, parts, a, ages) for k in range(parts) for a in range(ages)
     )
     facts.kind = "map"
-    assert windows(model, [0], 4, by_age=True) == (EVERY,)
+    assert windows_of_runs(model, [0], 4, by_age=True) == (EVERY,)
 
 
 # ---------------------------------------------------------------- estimates
@@ -90,7 +90,9 @@ def model_with(errors: dict[int, float], leaves: Any = (0, 1)) -> Any:
 
 @pytest.fixture
 def _errors(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(estimates_and_shield, "error_of", lambda facts, state: facts.errors[state])
+    monkeypatch.setattr(
+        estimates_and_shield, "estimate_error", lambda facts, state: facts.errors[state]
+    )
 
 
 @pytest.mark.usefixtures("_errors")
@@ -123,8 +125,8 @@ def test_levels_hold_and_drift_by_what_is_behind_estimates() -> None:
     inside = Cells(LINE, bools(1, 1, 1, 0))
     for error, left in ((0.0, [3]), (0.5, [0, 2, 3])):
         model = model_with({0: error})
-        cells = estimates_and_shield.estimates_of_outside(
-            model, group, bools(1, 1, 1, 1), inside, LINE.whole
+        cells = estimates_and_shield.estimates_of_states_outside(
+            model, group, bools(1, 1, 1, 1), inside, LINE.all_cells
         )
         assert sorted(a for ((a, _),) in cells) == left
         asked: list[Any] = []
@@ -135,7 +137,7 @@ def test_levels_hold_and_drift_by_what_is_behind_estimates() -> None:
 
         check: Any = SimpleNamespace(group=group, model=model, stays_in_parts=keeps)
         found = estimates_and_shield.estimates_driven_out(
-            check, bools(1, 1, 1, 1), inside, LINE.whole
+            check, bools(1, 1, 1, 1), inside, LINE.all_cells
         )
         assert sorted(a for ((a, _),) in found) == left
         assert {s for w, s in asked if w == 1 + 2 * error} == {estimates_and_shield.SPLITS}  # type: ignore[attr-defined]
@@ -221,7 +223,7 @@ def test_what_a_shield_permits_is_shown_for_each_range_of_commands(
         "[1, 3",
     ]
     for _, show in found:
-        list(show(LINE.whole))
+        list(show(LINE.all_cells))
     ends = [(c.low, c.high) for c, *_ in asked]
     assert ends == [(-1.0, 1.0), (-1.0, 3.0), (1.0, 3.0)]
     assert [claimed for _, claimed, *_ in asked] == [
@@ -259,7 +261,7 @@ def test_an_end_is_kept_where_the_rate_points_inwards_all_over_its_side(
             ]
 
         flow = SimpleNamespace(
-            lines=rates,
+            derivative_rows=rates,
             rates=lambda found: [(min(found), max(found))],
             ranges=[(-1.0, 2.0)],
             compared=[False, False],

@@ -15,7 +15,7 @@ import pytest
 from json_documents import SCHEMAS, _check
 from soter.api import load
 from soter.api.assurance.certificate_check import rechecker_sha256
-from soter.certificate.reading.folder import canonical
+from soter.certificate.reading.folder import canonical_json
 from soter.certificate.report import ACCEPTED, RecheckAssumption, RecheckedModule, Report
 from soter.native.cache import soter_sha256
 from soter.native.compiler import compiler_version, find_compiler
@@ -203,7 +203,7 @@ def forged(folder: Path, change: Callable[[dict[str, Any]], object]) -> None:
     """Change the manifest of the certificate and seal it again."""
     manifest = json.loads((folder / "proof" / "manifest.json").read_text())
     change(manifest)
-    raw = canonical(manifest)
+    raw = canonical_json(manifest)
     (folder / "proof" / "manifest.json").write_bytes(raw)
     (folder / "proof" / "SEAL").write_text(hashlib.sha256(raw).hexdigest() + "\n")
 

@@ -128,15 +128,15 @@ def _compared_certificate(folder: Path, flat: System, params: dict[str, str]) ->
     """Compares seal, hashes and the manifest's subject with the system, which takes no time."""
     from soter.certificate.reading.folder import (  # noqa: PLC0415 - needs NumPy
         NotACertificateError,
-        program_of,
         read_certificate,
+        read_program,
     )
 
     path = str(folder)
     try:
         certificate = read_certificate(folder)
         sha256 = file_hash(folder / "manifest.json")
-        checked, overrides = program_of(certificate)
+        checked, overrides = read_program(certificate)
     except NotACertificateError as error:
         raise no_certificate_error(error) from None
     except RejectedError as error:
@@ -173,10 +173,10 @@ def _why_other_program(flat: System, certified: CheckResult, overrides: dict[str
 
 def _certified_parameters(checked: Any, system: str, overrides: dict[str, Any]) -> dict[str, str]:  # noqa: ANN401
     """The parameters' values in the certificate; {"": ""}, which fits none, after errors."""
-    from soter.certificate.scope import parameters_of  # noqa: PLC0415 - needs NumPy
+    from soter.certificate.scope import param_values  # noqa: PLC0415 - needs NumPy
 
     try:
-        return parameters_of(system_to_prove(checked, system, overrides, exact=False))
+        return param_values(system_to_prove(checked, system, overrides, exact=False))
     except SoterError:
         return {"": ""}
 

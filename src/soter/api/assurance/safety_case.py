@@ -116,9 +116,9 @@ def _group_tables(
     for each in entry.get("tables", ()):
         if each.keys() != {"axes", "levels"}:
             return []
-        edges = [certificate.edges(a["edges"]) for a in each["axes"]]
+        edges = [certificate.breakpoints(a["edges"]) for a in each["axes"]]
         shape = tuple(len(e) - 1 for e in edges)
-        packed = np.frombuffer(certificate.plain(each["levels"]), dtype=np.uint8)
+        packed = np.frombuffer(certificate.table_bytes(each["levels"]), dtype=np.uint8)
         four = (packed[:, None] >> (2 * np.arange(PER_BYTE, dtype=np.uint8))) & 3
         cells = four.ravel()[: int(np.prod(shape))].reshape(shape)
         states = tuple(numbers[a["state"]] for a in each["axes"])
@@ -366,7 +366,7 @@ def assure(
     or written, D007 without the extra `prove`, and as `Program.flat`.
     """
     require_flint()
-    from soter.certificate.scope import parameters_of  # noqa: PLC0415 - needs NumPy
+    from soter.certificate.scope import param_values  # noqa: PLC0415 - needs NumPy
 
     for name in FILES:
         require_no_certificate(Path(output) / name, None if cert is None else Path(cert))
@@ -375,16 +375,10 @@ def assure(
     needless("without `hazards`", trace=trace and hazards is None)
     flat = program.declared(system, params)
     if tests:  # U010 where there is none
-        chosen_tests(
-            {n: t for n, t in flat.program.tests.items() if "." not in n}, program.path, None
-        )
-    case = SafetyCase(
-        f"Safety case of {flat.name} in {Path(program.path).name}",
-        program.path,
-        flat.program.sha256,
-        flat.name,
-        parameters_of(flat),
-    )
+        own_tests = {n: t for n, t in flat.program.tests.items() if "." not in n}
+        chosen_tests(own_tests, program.path, None)
+    title, sha256 = f"Safety case of {flat.name} in {Path(program.path).name}", flat.program.sha256
+    case = SafetyCase(title, program.path, sha256, flat.name, param_values(flat))
     case.plants = _plant_equations(flat)
     evidence = Evidence.read_files(program, flat, params, test_report, campaign, tell)
     tracing = Tracing.read_tracing(None if hazards is None else Path(hazards), flat)

@@ -2,11 +2,11 @@
 
 Purpose: `compare_tables` compares the bytes of the DM's tables with the sets S of all cases;
 `level_tasks` shows these sets: `eroded_cells` gives the cells of states all of whose estimates lie
-in a set; `estimates_of_outside`, `estimates_driven_out` yield the cells of estimates behind which a
-state may lie, or may be driven, outside of one. `shield_inclusions`: commands that a shield permits
-on an estimate lead from no state behind it out of K before SC's first output acts
-(docs/proof-flight.md, A gate that looks at commands).
-`grid_of_q`, `on_finer`: a Q with smaller cells, which needs such a table.
+in a set; `estimates_of_states_outside`, `estimates_driven_out` yield the cells of estimates behind
+which a state may lie, or may be driven, outside of one. `shield_inclusions`: commands that a shield
+permits on an estimate lead from no state behind it out of K before SC's first output acts
+(docs/proof-flight.md, A gate that looks at commands). `read_grid_of_q`, `tables_on_finer_cells`: a
+Q with smaller cells, which needs such a table.
 Non-goals: free phases (`group_claims.py`), which claims there are (`grid_group.py`); that the DM
 reads its table as it should.
 
@@ -25,22 +25,22 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.certificate.cell_sets import Cells, Grid, cells_uncovered, volume
-from soter.certificate.extras.left_out_states import reach
+from soter.certificate.cell_sets import Cells, Grid, cell_count, cells_uncovered
+from soter.certificate.extras.left_out_states import reached_breakpoints
 from soter.certificate.extras.prelude_functions import FAR_TURNS
 from soter.certificate.grid.flow_enclosures import LocalFlow
 from soter.certificate.grid.grid_group import block_tasks
 from soter.certificate.grid.group_claims import CELLS_AT_ONCE, SPLITS, FreeCheck, GroupTables
 from soter.certificate.reading.case_model import CaseModel
-from soter.certificate.reading.module_facts import number_of
+from soter.certificate.reading.module_facts import const_value
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.linear_enclosures import (
     TINIEST,
     UNIT_ROUNDOFF,
-    above,
-    below,
     exact,
+    lower,
     magnitude,
+    upper,
 )
 from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import leaves
@@ -70,10 +70,10 @@ FULL = 2
 CELLS_IN_A_BYTE = 4
 
 
-def error_of(facts: Facts, state: int) -> float:
-    """The error of a state's estimate, in the topic leaf that is its axis.
+def estimate_error(facts: Facts, state: int) -> float:
+    """The error bound of a state's estimate, in the topic leaf that is its axis.
 
-    NotRecheckedError where no topic has it as its axis.
+    NotRecheckedError where no topic has the state as its axis.
     """
     if state not in facts.leaves:
         raise NotRecheckedError(f"no topic carries `{facts.states[state].name}` as its axis")
@@ -88,34 +88,34 @@ def estimates_around(
 ) -> tuple[float, ...]:
     """The box of all estimates of states in a box, and of all states behind estimates in it.
 
-    Of a state that no topic shows nothing is known: it is anywhere on its axis.
+    A state that no topic shows is anywhere on its axis.
     """
     bounds: list[float] = []
     for state, (low, high) in zip(group.states, box, strict=True):
-        bounds += _estimates_of(model, state, low, high)
+        bounds += _estimate_range(model, state, low, high)
     return tuple(bounds)
 
 
-def _estimates_of(model: CaseModel, state: int, low: arb, high: arb) -> tuple[float, float]:
-    """The range of all estimates of one state that is in [low, high]."""
+def _estimate_range(model: CaseModel, state: int, low: arb, high: arb) -> tuple[float, float]:
+    """The range of all estimates of a state that lies in [low, high]."""
     if state not in model.facts.leaves:
         return model.extents[state]
-    error = exact(error_of(model.facts, state))
+    error = exact(estimate_error(model.facts, state))
     if state in model.facts.turning:  # the DM brings it back to the grid
         error += FAR_TURNS
     if not error.is_zero():
         error += (magnitude(low).max(magnitude(high)) + error) * (2 * UNIT_ROUNDOFF) + TINIEST
-    return below(low - error), above(high + error)
+    return lower(low - error), upper(high + error)
 
 
 def eroded_cells(model: CaseModel, group: GroupTables, level: Cells) -> Cells:
-    """Cells of states all of whose estimates lie in a level; and of estimates of such states.
+    """The cells of states whose estimates all lie in a level, and of estimates of such states.
 
-    An error is as large on either side, so that the same set answers both.
+    One set answers both, as an error is as large on either side.
     """
     grid = group.grid
     ends = [
-        [_estimates_of(model, state, low, high) for low, high in pairwise(map(exact, edges))]
+        [_estimate_range(model, state, low, high) for low, high in pairwise(map(exact, edges))]
         for state, edges in zip(group.states, grid.edges, strict=True)
     ]
     members = np.zeros(grid.shape, dtype=np.bool_)
@@ -125,7 +125,7 @@ def eroded_cells(model: CaseModel, group: GroupTables, level: Cells) -> Cells:
     return Cells(grid, members)
 
 
-def estimates_of_outside(
+def estimates_of_states_outside(
     model: CaseModel, group: GroupTables, claimed: NDArray[np.bool_], inside: Cells, block: Block
 ) -> Iterator[Block]:
     """The `claimed` cells of estimates (shaped as the grid) behind which a state may be outside."""
@@ -139,7 +139,7 @@ def estimates_of_outside(
 def estimates_driven_out(
     check: FreeCheck, claimed: NDArray[np.bool_], within: Cells, block: Block
 ) -> Iterator[Block]:
-    """The `claimed` cells of estimates from behind which a state may be driven out of `within`.
+    """The `claimed` cells of estimates whose states a command may drive out of `within`.
 
     `claimed`: shaped as the grid. Any command acts, for the time of `check`.
     """
@@ -148,15 +148,15 @@ def estimates_driven_out(
     def attempt(at: Block) -> bool:
         ends = estimates_around(check.model, check.group, grid.box(at))
         box = [(exact(a), exact(b)) for a, b in zip(ends[::2], ends[1::2], strict=True)]
-        return check.stays_in_parts(box, within, SPLITS if volume(at) == 1 else 0)
+        return check.stays_in_parts(box, within, SPLITS if cell_count(at) == 1 else 0)
 
     return cells_uncovered(claimed, block, attempt, 4 * CELLS_AT_ONCE)
 
 
 def level_tasks(check: GridCheck, between_ns: int) -> Iterator[Task]:
-    """Show each S_k from S_(k-1), S_0 from R, and what a shield permits.
+    """Tasks that show S_0 from R, each S_k from S_(k-1), and what a shield permits.
 
-    RejectedError where they are too few, or one is no part of the one before.
+    RejectedError where there are too few of these sets, or one is no part of the one before.
     """
     tables, grid, model = check.tables, check.grid, check.model
     facts = model.facts
@@ -165,7 +165,7 @@ def level_tasks(check: GridCheck, between_ns: int) -> Iterator[Task]:
         raise RejectedError("the tables S are not as many as the levels ask for")
     levels = tables.levels
     inside = Cells(grid, tables.free)
-    show: Any = partial(estimates_of_outside, model, tables, levels[0], inside)
+    show: Any = partial(estimates_of_states_outside, model, tables, levels[0], inside)
     yield from block_tasks("an estimate in S_0 may be of a state outside R(H), in", grid, show)
     if facts.symbol.shield is not None:
         for failure, of_commands in shield_inclusions(model, tables, check.kernel):
@@ -175,7 +175,7 @@ def level_tasks(check: GridCheck, between_ns: int) -> Iterator[Task]:
         if (levels[k] & ~levels[k - 1]).any():
             raise RejectedError(f"S_{k} is no part of S_{k - 1}")
         calm = eroded_cells(model, tables, Cells(grid, levels[k - 1]))
-        if not check.never_left(calm):
+        if not check.are_never_left(calm):
             show = partial(estimates_driven_out, free, levels[k], calm)
             failure = f"S_{k} may be left for outside S_{k - 1} at once, from"
             yield from block_tasks(failure, grid, show)
@@ -184,7 +184,7 @@ def level_tasks(check: GridCheck, between_ns: int) -> Iterator[Task]:
 def command_cells(facts: Facts) -> int:
     """The number of cells into which a shield's table cuts each number of a command.
 
-    NotRecheckedError where no proof of a shield is known here, RejectedError where none can be.
+    NotRecheckedError where we know no proof of such a shield.
     """
     assert facts.symbol.shield is not None
     if (
@@ -193,17 +193,16 @@ def command_cells(facts: Facts) -> int:
         or not _nodes_pass_commands_on(facts)
     ):
         raise NotRecheckedError("a shield of a view, or with nodes behind the module")
-    if facts.kind == "map" and not _steps_with_plants(facts):
+    if facts.kind == "map" and not _ac_steps_with_plants(facts):
         raise NotRecheckedError("a shield of an AC that runs between the steps of its plant")
     if {r.name for r in facts.setting.by_sc} - {r.name for r in facts.setting.by_dm}:
         raise NotRecheckedError("a shield of an SC that reads what the DM does not")
     topics = {topic for topic, _ in facts.leaves.values()}
-    if any(facts.system.topics[i].max_age_ns is None for i in topics):
-        raise RejectedError("a shield reads a topic without a `max_age`")
-    return int(number_of(facts, facts.symbol.shield))
+    assert all(facts.system.topics[i].max_age_ns is not None for i in topics)  # `_timing_setting`
+    return int(const_value(facts, facts.symbol.shield))
 
 
-def _steps_with_plants(facts: Facts) -> bool:
+def _ac_steps_with_plants(facts: Facts) -> bool:
     """Whether AC steps only when the plants, which move in steps, do."""
     step = facts.plants[0].period_ns
     ac = facts.system.components[facts.module.ac]
@@ -211,9 +210,9 @@ def _steps_with_plants(facts: Facts) -> bool:
 
 
 def _nodes_pass_commands_on(facts: Facts) -> bool:
-    """Whether every node behind SC in its instant runs in its thread, and reads commands alone.
+    """Whether nodes behind SC in its instant run in its thread and read commands alone.
 
-    What reads sensors, too, or has a memory has to show what it says to the plants of the proof.
+    A node that reads sensors, too, or has a memory must show its outputs to the proof's plants.
     """
     system, names = facts.flying, {n for kind, n in facts.ways.notes if kind == "in step"}
     nodes = [(c, c.node) for c in system.components if c.node is not None and c.name in names]
@@ -264,14 +263,14 @@ def shield_inclusions(
 
 
 def command_edge(low: float, high: float, k: int, n: int) -> float:
-    """The number at which cell k of n begins."""
+    """The number at which cell k of n of a command begins."""
     return low + (high - low) * (k / n)
 
 
 def read_tops(data: bytes, group: GroupTables, n: int) -> NDArray[np.uint8]:
-    """`GroupTables.tops` of a file, (*cells, n): in C order, a byte for each command cell.
+    """Reads `GroupTables.tops` from a file, (*cells, n): in C order, a byte a command cell.
 
-    RejectedError where it has another size, or names cells that there are not.
+    RejectedError where it has another size, or names cells that do not exist.
     """
     shape = (*group.grid.shape, n)
     if len(data) != int(np.prod(shape)):
@@ -290,7 +289,7 @@ def read_tops(data: bytes, group: GroupTables, n: int) -> NDArray[np.uint8]:
 def compare_tables(
     certificate: Certificate, facts: Facts, cases: list[list[GridGroup]], entries: list[Entry]
 ) -> None:
-    """Compare the DM's table of each group with the sets of all cases, or RejectedError."""
+    """RejectedError where a group's table in the DM differs from the sets S of all cases."""
     if len(entries) != len(cases[0]):
         raise RejectedError("the tables of the DM are not one for each group")
     if any(len(case) != len(cases[0]) for case in cases):
@@ -312,7 +311,7 @@ def compare_table(
     names = [facts.states[i].name for i in group.states]
     require_same_axes(certificate, group, names, axes_seen_by_dm(facts, group), entry["axes"])
     total = least_levels(tables)
-    if certificate.plain(entry["levels"]) != packed_levels(total):
+    if certificate.table_bytes(entry["levels"]) != packed_levels(total):
         raise RejectedError(f"the table of the DM over {', '.join(names)} is not that of S")
     for g in tables:
         g.given_back = total == FULL
@@ -334,8 +333,8 @@ def require_same_axes(
     if [a["state"] for a in axes] != [names[k] for k in looked_at]:
         raise RejectedError("a table of the DM has other axes than its group")
     for axis, place in zip(axes, looked_at, strict=True):
-        edges = reach(group.grid, place)
-        if axis.keys() != {"state", "edges"} or certificate.edges(axis["edges"]) != edges:
+        edges = reached_breakpoints(group.grid, place)
+        if axis.keys() != {"state", "edges"} or certificate.breakpoints(axis["edges"]) != edges:
             raise RejectedError(f"the DM cuts {axis['state']} elsewhere than its group")
 
 
@@ -359,7 +358,7 @@ def axes_seen_by_dm(facts: Facts, group: GroupTables) -> list[int]:
 
 
 def least_levels(cases: Sequence[GroupTables]) -> NDArray[np.uint8]:
-    """The level of each cell of one group, in the grid's shape: the least of all cases.
+    """The least level of each cell over all cases of a group, in the grid's shape.
 
     RejectedError where a case has no tables S.
     """
@@ -385,41 +384,41 @@ def packed_levels(levels: NDArray[np.uint8]) -> bytes:
 
 
 def acted_ns(facts: Facts) -> int:
-    """W, of a shield: a command replaced longer before a release acts on no state read there.
+    """W, in ns: a command that was replaced longer before a release acts on no state read there.
 
     The state is A old at most. A command acts up to L after the next one was published; of that its
     release alone is known, so a period of SC and the latest end of its step are added.
     """
     setting = facts.setting
-    out = max(setting.starts_by(t) + setting.sc.response - t for t in setting.steady_releases())
+    out = max(setting.latest_start(t) + setting.sc.response - t for t in setting.steady_releases())
     return facts.own.age + max(e.most for e in setting.effects) + setting.sc.period + out
 
 
 def read_shield(certificate: Certificate, facts: Facts, group: GroupTables, entry: Entry) -> None:
-    """Read which commands the DM's shield permits; RejectedError for a command there is not."""
+    """Reads which commands the DM's shield permits; RejectedError for an unknown command."""
     names = [c.name for c in facts.controls]
     if entry["command"] is not None and entry["command"] not in names:
         raise RejectedError("a table of the DM is about a command that there is not")
     group.command = None if entry["command"] is None else names.index(entry["command"])
-    group.tops = read_tops(certificate.plain(entry["commands"]), group, command_cells(facts))
+    group.tops = read_tops(certificate.table_bytes(entry["commands"]), group, command_cells(facts))
 
 
-def grid_of_q(certificate: Certificate, grid: Grid, paths: Sequence[str]) -> Grid:
-    """The cells of Q; RejectedError where one of them is no part of a cell of the grid."""
-    edges = tuple(map(certificate.edges, paths))
+def read_grid_of_q(certificate: Certificate, grid: Grid, paths: Sequence[str]) -> Grid:
+    """Reads the cells of Q; RejectedError where one of them is no part of a cell of the grid."""
+    edges = tuple(map(certificate.breakpoints, paths))
     same = len(edges) == len(grid.edges) and all(
-        set(own) <= set(cut) and (own[0], own[-1]) == (cut[0], cut[-1])
-        for own, cut in zip(grid.edges, edges, strict=False)
+        set(coarse) <= set(cut) and (coarse[0], coarse[-1]) == (cut[0], cut[-1])
+        for coarse, cut in zip(grid.edges, edges, strict=False)
     )
     if not same:
         raise RejectedError("the cells of Q are no parts of those of its group")
     finer = replace(grid, edges=edges)
-    certificate.count(finer.shape)
+    certificate.count_cells(finer.shape)
     return finer
 
 
-def on_finer(tables: GroupTables) -> GroupTables:
-    """K, what the DM gives back, Q and W on the smaller cells."""
+def tables_on_finer_cells(tables: GroupTables) -> GroupTables:
+    """The tables of a group on the smaller cells of Q."""
     grid = tables.finer
     assert grid is not None
     places = zip(tables.grid.edges, grid.edges, strict=True)

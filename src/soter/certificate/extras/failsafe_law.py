@@ -2,8 +2,8 @@
 
 The fail-safe law: the constants that act on the plants once the trusted part stops (docs/proof.md,
 "When the trusted part stops"). K_fs, its core: a set of states that the law never leaves.
-Purpose: `read_law` reads what a certificate says of it; `law_problem` makes the problem of which
-K_fs is a core: the same module, plants and times, with the constants for what SC computes.
+Purpose: `read_law` reads what a certificate says of it; `make_law_problem` makes the problem of
+which K_fs is a core: the same module, plants and times, with the constants for what SC computes.
 `check_law` shows that the law keeps K_fs, in which SC has to stay.
 Non-goals: sharing code with the prover's `verify/problem/verification_system.py`.
 """
@@ -14,12 +14,12 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from soter.certificate.case_check import CaseCheck
-from soter.certificate.extras.left_out_states import leave_out
+from soter.certificate.extras.left_out_states import leave_out_states
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.module_facts import DiffersError
 from soter.certificate.reading.problem import read_facts
-from soter.certificate.reading.supported_constructs import check_supported
-from soter.certificate.report import RejectedError, missing_of
+from soter.certificate.reading.supported_constructs import require_supported
+from soter.certificate.report import RejectedError, missing_properties
 from soter.diagnostics.current_phase import telling
 from soter.language.model import typed
 
@@ -32,19 +32,19 @@ if TYPE_CHECKING:
     from soter.language.model.system import Component, Module, System
 
 
+BEGINS = ("P1c", "P2a", "P3", "start")
+"""The claims by which the law begins in K; P1c may rest on assumed times, as it may for SC."""
+
+
 class FailsafeLaw(NamedTuple):
     """The fail-safe law of a module, as a certificate claims it.
 
-    `facts`: the problem with the law in the place of SC. `groups`: for each combination of
-    parameter values, the groups with their K_fs.
+    `facts`: the problem with the law in the place of SC. `groups`: those of each combination of
+    parameter values, with K_fs.
     """
 
     facts: Facts
     groups: list[list[GridGroup]]
-
-
-BEGINS = ("P1c", "P2a", "P3", "start")
-"""The claims by which the law begins in K; P1c may rest on assumed times, as it may for SC."""
 
 
 def read_law(
@@ -53,11 +53,11 @@ def read_law(
     claims: set[str],
     read: Callable[[dict[str, Any]], list[GridGroup]],
 ) -> FailsafeLaw:
-    """The law and its groups, from the entry of a module; `read` gives the groups of a case.
+    """Reads the law and its groups from the entry of a module; `read` gives a case's groups.
 
     RejectedError where nothing says that the law begins in K, or its cells are others than SC's.
     """
-    if {*BEGINS} & {*missing_of(entry["claims"], [*claims])}:
+    if {*BEGINS} & {*missing_properties(entry["claims"], [*claims])}:
         raise RejectedError("failsafe: nothing says that the law begins where it keeps `safe`")
     if [c["parameter"] for c in entry["law"]] != [list(c) for c in facts.cases()]:
         raise RejectedError("the cases of the law are not those of the module")
@@ -65,36 +65,36 @@ def read_law(
     for of_case in groups:
         for g in of_case:
             g.cells_kept_by_law(of_case)
-    return FailsafeLaw(law_problem(facts), groups)
+    return FailsafeLaw(make_law_problem(facts), groups)
 
 
 def check_law(law: FailsafeLaw, k: int, of_sc: CaseCheck) -> list[Cells]:
-    """K_fs of each group of `of_sc`, case k of the module; it is shown that the law keeps it."""
+    """Shows that the law keeps K_fs in case k, and gives K_fs of each group of `of_sc`."""
     groups = law.groups[k]
     with telling(None):
         model = CaseModel(law.facts, of_sc.model.parameter, of_sc.model.extents)
-        CaseCheck(model, groups, {"P2a"}, of_sc.entry, of_sc.workers).check()
+        CaseCheck(model, groups, {"P2a"}, of_sc.entry, of_sc.workers).show_claims()
     return [g.cells_kept_by_law(groups) for g in of_sc.groups]
 
 
-def _subscribed(flying: System, c: Component) -> set[int | None]:
-    """The topics that a node subscribes to, those of its queues too."""
+def _topics_read(flying: System, c: Component) -> set[int | None]:
+    """The topics that a node subscribes to, also those behind its queues."""
     read = [] if c.node is None else c.reads
     return {*read, *(flying.topics[index].queue_of for index in read)}
 
 
-def law_problem(facts: Facts) -> Facts:
-    """The problem of the law, held to the times of the module; DiffersError where there is none.
+def make_law_problem(facts: Facts) -> Facts:
+    """Makes the problem of the law, held to the times of the module.
 
-    Nothing is read by the law, so how old its reads are says nothing; its outputs act in windows
-    that are no longer than SC's.
+    DiffersError where there is none. The law reads nothing, so ages of reads do not matter; its
+    outputs act in windows no longer than SC's.
     """
     flying, module = facts.flying, facts.flying_module
     law = facts.symbol.failsafe
     if not law or facts.sc.node is None or set(law) != set(facts.sc.node.publishes):
         raise DiffersError(f"`{module.name}` declares no fail-safe law")
     for c in flying.components:
-        if c.index not in (module.ac, module.sc) and _subscribed(flying, c) & {*module.outputs}:
+        if c.index not in (module.ac, module.sc) and _topics_read(flying, c) & {*module.outputs}:
             raise DiffersError(f"`{c.name}` reads the module's outputs: the law is not what acts")
     if any(x.of_others for x in facts.disturbances):
         raise DiffersError("others move the plants: nobody keeps what they publish where all stops")
@@ -102,8 +102,8 @@ def law_problem(facts: Facts) -> Facts:
         raise DiffersError("the plants move in steps: when a lease ends there is not settled")
     system, name = _system_under_law(flying, module, law)
     law_facts = read_facts(system, name, facts.view)
-    leave_out(law_facts, [s.name for s in facts.left_out])
-    check_supported(law_facts)
+    leave_out_states(law_facts, [s.name for s in facts.left_out])
+    require_supported(law_facts)
     of_law, of_sc = ([(s.name, s.low, s.high) for s in x.states] for x in (law_facts, facts))
     if of_law != of_sc:
         raise DiffersError("the fail-safe law is not about the states of the module")
@@ -131,6 +131,6 @@ def _system_under_law(
     components = list(flying.components)
     components[module.sc] = replace(sc, node=node, initial=(), failsafe={})
     modules = list(flying.modules)
-    at, own = next((i, m) for i, m in enumerate(modules) if m.index == module.index)
-    modules[at] = replace(own, symbol=replace(own.symbol, sc=node))
-    return replace(flying, components=tuple(components), modules=tuple(modules)), own.name
+    at, replaced = next((i, m) for i, m in enumerate(modules) if m.index == module.index)
+    modules[at] = replace(replaced, symbol=replace(replaced.symbol, sc=node))
+    return replace(flying, components=tuple(components), modules=tuple(modules)), replaced.name

@@ -48,10 +48,10 @@ READS_MAX = 4096
 
 @dataclass(eq=False)
 class _Sensor:
-    """When a topic has to be published: by a plant at its releases, by a sensor outside at times.
+    """When a topic has to be published: by a plant at its releases, or by a sensor from outside.
 
-    `apart_ns`: from one publication to the next, at most, without a silence; `delay_ns`: how old
-    what a sensor publishes may be.
+    `apart_ns`: the longest time between publications without a silence; `delay_ns`: the greatest
+    age of what a sensor publishes.
     """
 
     apart_ns: int
@@ -61,8 +61,8 @@ class _Sensor:
     last_ns: int | None = None
 
 
-def _sensors(system: System) -> dict[str, _Sensor]:
-    """Each topic that shows the world and says how often, by its name."""
+def _sensors_by_topic(system: System) -> dict[str, _Sensor]:
+    """Topic name -> its sensor, for each topic that shows the world at a known rate."""
     found = {}
     for c in system.components:
         if c.plant is not None:
@@ -78,12 +78,12 @@ def _sensors(system: System) -> dict[str, _Sensor]:
 
 @dataclass(eq=False)
 class _Outputs:
-    """Releases of SC of one module that have not been answered for: `due` has (release, by when).
+    """The releases of SC of one module whose outputs are still due.
 
-    `since`: the release of its last verdict that is not "AC"; None while AC has control. `plan`: of
-    several plans the number of the one that SC follows since the last verdict "AC". `read`: of
-    each topic that SC reads the last messages, which a step that is just out may have read. SC
-    starts `late` at most, or `waits` for the DM, and is out a `response` later.
+    `since`: the release of its last verdict that is not "AC"; None while AC has control. `plan`:
+    the number of the plan that SC follows since the last verdict "AC". `read`: the last messages of
+    each topic that SC reads, which its latest step may have read. SC starts at most `late`, or
+    `waits` for the DM, and publishes a `response` later.
     """
 
     module: Module
@@ -100,22 +100,22 @@ class _Outputs:
     read: dict[str, list[tuple[int, Value]]] = field(default_factory=dict)
 
     @property
-    def slow(self) -> int:
-        """The longest time (ns) from a release of SC to what its step publishes."""
+    def max_delay(self) -> int:
+        """The longest time (ns) from a release of SC until its step publishes."""
         return max(self.late, self.waits) + self.response
 
 
 class LoggedAssumptions:
-    """Compares a log with what is assumed of sensors, of SC's times, and of sets; see above."""
+    """Compares a log with the assumptions on sensors, on SC's times, and on sets (see the head)."""
 
     def __init__(self, system: System, modules: Sequence[Module]) -> None:
         self.system, self.modules = system, modules
         self.doubts: list[Doubt] = []
-        self._sensors = _sensors(system)
+        self._sensors = _sensors_by_topic(system)
         self._evaluators = {c.index: Evaluator(c.scope.params) for c in system.components}
         self._latest: dict[str, tuple[int, Value]] = {}
         self._topics = {t.name: t for t in system.topics}
-        self._read = {m.name: _read_by(system, m) & self._sensors.keys() for m in modules}
+        self._read = {m.name: _topics_read_by(system, m) & self._sensors.keys() for m in modules}
         self._outputs = {}
         self._steps: dict[str, Callable[[Environment], object]] = {}
         for m in modules:
@@ -130,19 +130,19 @@ class LoggedAssumptions:
             self._outputs[m.name] = _Outputs(m, *times, next=sc.phase_ns, read=read)
             self._steps[m.name] = Evaluator.of(sc.scope).block(sc.node.step)
 
-    def _suspect(self, time_ns: int, module: Module, text: str) -> None:
+    def _note_doubt(self, time_ns: int, module: Module, text: str) -> None:
         self.doubts.append(Doubt(time_ns, module.name, CONTRADICTED, text))
 
     # ------------------------------------------------------------ messages
 
     def note_message(self, time_ns: int, name: str, value: Value) -> None:
-        """Note what was published at a time: its set, its release, the silence before it."""
+        """Compares a published message with its set, its release, and the silence before it."""
         self._latest[name] = time_ns, value
-        for text in self._outside(name, value):
+        for text in self._leaves_outside_set(name, value):
             for m in self.modules:
-                self._suspect(time_ns, m, text)
+                self._note_doubt(time_ns, m, text)
         for outputs in self._outputs.values():
-            self._answer(outputs, time_ns - 1)
+            self._check_due_outputs(outputs, time_ns - 1)
             if name in outputs.topics:
                 outputs.published[name] = time_ns
             if name in outputs.read:
@@ -150,13 +150,13 @@ class LoggedAssumptions:
         if (sensor := self._sensors.get(name)) is not None:
             at = sensor.releases
             if at is not None and ((time_ns - at[1]) % at[0] or sensor.last_ns == time_ns):
-                for m in self._readers(name):
+                for m in self._modules_reading(name):
                     text = f"{name} was published otherwise than once at a release of its plant"
-                    self._suspect(time_ns, m, text)
-            self._silence(name, sensor, time_ns)
+                    self._note_doubt(time_ns, m, text)
+            self._check_silence(name, sensor, time_ns)
             sensor.last_ns = time_ns
 
-    def _outside(self, name: str, value: Value) -> Iterator[str]:
+    def _leaves_outside_set(self, name: str, value: Value) -> Iterator[str]:
         topic = self._topics[name]
         if has_list(topic.type):
             return
@@ -167,7 +167,7 @@ class LoggedAssumptions:
                 yield f"{leaf_name(name, path)} is {x!r}, outside of its set {where}"
 
     def note_truth(self, time_ns: int, plant: Component, states: Sequence[Value]) -> None:
-        """Note the states of a plant at a time at which all that it published was told."""
+        """Compares the states of a plant with what it published at that time."""
         assert plant.plant is not None
         env = Environment(dict(zip(plant.plant.states, states, strict=True)), time_ns=time_ns)
         value = self._evaluators[plant.index].value
@@ -179,28 +179,28 @@ class LoggedAssumptions:
             when, shown = self._latest.get(topic.name, (None, 0.0))
             if when == time_ns:
                 with suppress(*UNKNOWN):
-                    self._compare(time_ns, plant, topic, shown, value(of, env))
+                    self._compare_with_truth(time_ns, plant, topic, shown, value(of, env))
 
-    def _compare(
+    def _compare_with_truth(
         self, time_ns: int, plant: Component, topic: Topic, shown: Value, true: Value
     ) -> None:
-        """Note each number that a plant published further from a true one than its error is."""
+        """Adds a doubt for each published number further from the true one than its error bound."""
         errors = {m.leaf: m.bound for m in plant.measured if m.topic == topic.index}
         every = zip(leaves(topic.type), scalar_leaves(shown), scalar_leaves(true), strict=True)
         for k, ((path, of), x, y) in enumerate(every):
             error = errors.get(k, 0.0)
             if isinstance(of, FloatType) and not y - error <= x <= y + error:
                 name = leaf_name(topic.name, path)
-                for m in self._readers(topic.name):
+                for m in self._modules_reading(topic.name):
                     text = f"{name} is {x!r} where the plant is at {y!r}, measured within {error!r}"
-                    self._suspect(time_ns, m, text)
+                    self._note_doubt(time_ns, m, text)
 
-    def _readers(self, name: str) -> list[Module]:
+    def _modules_reading(self, name: str) -> list[Module]:
         return [m for m in self.modules if name in self._read[m.name]]
 
-    def _silence(self, name: str, sensor: _Sensor, until_ns: int) -> None:
-        """Note where nothing came for longer than it may, up to a time at which something did."""
-        for m in self._readers(name):
+    def _check_silence(self, name: str, sensor: _Sensor, until_ns: int) -> None:
+        """Adds a doubt where a topic was silent for longer than it may be, until a time."""
+        for m in self._modules_reading(name):
             silent = declared_ns(m, m.symbol.verify.dropout)
             if sensor.last_ns is None:
                 first = sensor.releases[1] if sensor.releases else sensor.apart_ns
@@ -211,7 +211,7 @@ class LoggedAssumptions:
             if missing:
                 most = f"sensors are silent for {show_ns(silent)} longer than that at most"
                 allowed = most if silent else "sensors never drop out"
-                self._suspect(
+                self._note_doubt(
                     since,
                     m,
                     f"nothing came of {name} for {show_ns(until_ns - since)}, it is published "
@@ -221,14 +221,16 @@ class LoggedAssumptions:
     # ------------------------------------------------------------ verdicts
 
     def note_verdict(self, time_ns: int, module: Module, *, is_ac: bool, plan: str = "") -> None:
-        """Note that the DM said who has control, and of several plans which one SC follows."""
+        """Notes who has control after a verdict, and which of several plans SC follows."""
         outputs = self._outputs[module.name]
-        self._answer(outputs, time_ns - 1)
+        self._check_due_outputs(outputs, time_ns - 1)
         asked = time_ns - time_ns % module.period_ns  # SC waits for a verdict that is late
         for name, at in outputs.published.items() if outputs.since is not None else ():
-            began = at - outputs.slow
+            began = at - outputs.max_delay
             if began + (outputs.phase - began) % outputs.period >= asked and at < time_ns:
-                self._suspect(at, module, f"SC published {name} before the verdict of its release")
+                self._note_doubt(
+                    at, module, f"SC published {name} before the verdict of its release"
+                )
         if is_ac:
             outputs.since = None
             names = [p.name for p in module.symbol.plans]
@@ -237,7 +239,7 @@ class LoggedAssumptions:
             outputs.since = time_ns
             outputs.next = asked + (outputs.phase - asked) % outputs.period
 
-    def apart(self, ages: Mapping[str, int]) -> Iterator[str]:
+    def why_not_one_instant(self, ages: Mapping[str, int]) -> Iterator[str]:
         """Why reads of these ages (ns, by topic), on which a DM said "AC", show no one instant."""
         for one, other in combinations([n for n in ages if n in self._sensors], 2):
             a, b = self._sensors[one], self._sensors[other]
@@ -250,22 +252,22 @@ class LoggedAssumptions:
     # ------------------------------------------------------------ SC, and the end
 
     def end_instant(self, time_ns: int) -> None:
-        """All of an instant was told."""
+        """Judges SC's outputs at the end of an instant."""
         for outputs in self._outputs.values():
-            self._answer(outputs, time_ns)
-            began = time_ns - outputs.slow
+            self._check_due_outputs(outputs, time_ns)
+            began = time_ns - outputs.max_delay
             for of in outputs.read.values():
                 while len(of) > 1 and of[1][0] < began:
                     del of[0]
             if outputs.since is None or outputs.since == time_ns:
                 continue  # AC may have published in this instant
             for name in outputs.topics:
-                if outputs.published.get(name) == time_ns and not self._may_be(outputs, name):
+                if outputs.published.get(name) == time_ns and not self._is_possible(outputs, name):
                     why = f"SC published {name}, which its step gives on nothing it may have read"
-                    self._suspect(time_ns, outputs.module, why)
+                    self._note_doubt(time_ns, outputs.module, why)
 
-    def _may_be(self, outputs: _Outputs, name: str) -> bool:
-        """Whether SC's step gives what a topic has on something that SC may have read."""
+    def _is_possible(self, outputs: _Outputs, name: str) -> bool:
+        """Whether SC's step gives the topic's value on messages that SC may have read."""
         if not 0 < prod(map(len, outputs.read.values())) <= READS_MAX:
             return True  # no message of what it reads, or too many
         topics = [t.default for t in self.system.topics]
@@ -283,29 +285,29 @@ class LoggedAssumptions:
                 return True
         return False
 
-    def _answer(self, outputs: _Outputs, until_ns: int) -> None:
-        """Note each release of SC in control whose outputs were due by a time and are not there."""
-        while outputs.since is not None and self._due(outputs) <= until_ns:
+    def _check_due_outputs(self, outputs: _Outputs, until_ns: int) -> None:
+        """Adds a doubt for each release of SC in control whose due outputs are missing."""
+        while outputs.since is not None and self._due_time(outputs) <= until_ns:
             release = outputs.next
             outputs.next += outputs.period
             for name in outputs.topics:
                 if outputs.published.get(name, -1) < max(release, outputs.since):
                     text = f"SC published no {name} in time after its release"
-                    self._suspect(release, outputs.module, text)
+                    self._note_doubt(release, outputs.module, text)
 
-    def _due(self, outputs: _Outputs) -> int:
+    def _due_time(self, outputs: _Outputs) -> int:
         """The instant by which SC's outputs of its next release have to be there."""
         asked = outputs.next - outputs.next % outputs.module.period_ns
         return max(outputs.next + outputs.late, asked + outputs.waits) + outputs.response
 
-    def end(self, time_ns: int) -> None:
-        """The log was read up to here, this instant included."""
+    def end_log(self, time_ns: int) -> None:
+        """Judges the silences until the end of the log."""
         for name, sensor in self._sensors.items():
             if sensor.last_ns is not None:
-                self._silence(name, sensor, time_ns)
+                self._check_silence(name, sensor, time_ns)
 
 
-def _read_by(system: System, module: Module) -> set[str]:
+def _topics_read_by(system: System, module: Module) -> set[str]:
     """The names of the topics that DM and SC of a module read."""
     read = {*module.inputs, *system.components[module.sc].scope.topics.values()}
     return {system.topics[i].name for i in (*read, *module.scope.topics.values())}

@@ -31,9 +31,9 @@ from typing import TYPE_CHECKING, Any
 
 from soter.certificate.case_check import TaskProcesses, can_fork
 from soter.certificate.extras.flight_assumptions import LoggedAssumptions
-from soter.certificate.reading.folder import program_of, read_certificate
+from soter.certificate.reading.folder import read_certificate, read_program
 from soter.certificate.reading.symbolic_values import scalar_leaves
-from soter.certificate.rechecker import failure_reason
+from soter.certificate.rechecker import reason_in_words
 from soter.certificate.report import (
     CONTRADICTED,
     REJECTED,
@@ -72,13 +72,19 @@ if TYPE_CHECKING:
 LATENESS = ("late_ns", "done_ns")
 AGAINST = ("ttf", "stale")
 """Predicates that are false in every verdict "AC"."""
+REST, PLANS = "rest", "plans"
+OF_LOGS = ("D006", "D007", "D023")
+ANY_COMMAND = "with any command, and the log has not what was judged of commands: "
+SAME_PROGRAM = "fly and prove the same program with the same parameters"
+PARAMETER = "param "
+"""The beginning, in a log, of the name of a parameter that is not at its default."""
 
 
 @dataclass(frozen=True)
 class LoggedVerdict:
-    """A verdict "AC": when (ns), whose, and the leaves of all that it read, by `topic.leaf`.
+    """A verdict "AC": its time in ns, its module, and the leaves that it read, by `topic.leaf`.
 
-    `plan`: of several plans that which SC follows from then on; "" where the module has one.
+    `plan`: of several plans the one that SC follows from then on; "" where the module has one.
     """
 
     time_ns: int
@@ -89,9 +95,9 @@ class LoggedVerdict:
 
 @dataclass
 class FlightLog:
-    """Verdicts "AC" in order of time; `others`: how many said "SC"; `doubts`: see above.
+    """The verdicts "AC" of a log in order of time; `others`: how many verdicts said "SC".
 
-    `to_ns`: up to where the log was read; `cut`: why it was not read to its end, "" where it was.
+    `to_ns`: the time up to which the log was read; `cut`: why it was not read to its end, or "".
     `unlogged`: topics that were read, and of which there is no message.
     """
 
@@ -104,7 +110,7 @@ class FlightLog:
 
 
 def read_flight(path: Path, system: System, modules: Sequence[Module]) -> FlightLog:
-    """The verdicts of `modules` of `system`; SoterError D006 for what is no such log."""
+    """Reads the verdicts of `modules` of `system`; SoterError D006 for a file that is no log."""
     log = FlightLog()
     reader = _Reader(path, system, modules, log)
     due: list[tuple[str, dict[str, Any]]] = []
@@ -121,7 +127,7 @@ def read_flight(path: Path, system: System, modules: Sequence[Module]) -> Flight
         due.append((channel, message))
     if now is not None and not log.cut:
         reader.read_instant(now, due)
-    reader.end(log.to_ns)
+    reader.end_log(log.to_ns)
     log.doubts.sort(key=lambda d: d.time_ns)
     return log
 
@@ -141,8 +147,8 @@ class _Verdicts:
         self.plan = module.symbol.plans[0].name if module.plan is not None else ""
         """The plan that SC follows, which is another one after a verdict "AC" alone."""
 
-    def doubts_of(self, time_ns: int, decision: dict[str, Any]) -> Iterator[str]:
-        """Doubts where a verdict contradicts those before it, the mode, or its own predicates."""
+    def doubts_about(self, time_ns: int, decision: dict[str, Any]) -> Iterator[str]:
+        """Gives a doubt where a verdict contradicts earlier ones, the mode, or its predicates."""
         before, after = (decision[f"mode_{at}"] == "AC" for at in ("before", "after"))
         release = time_ns // self.period * self.period
         began, ended = (time_ns - release + _lateness(decision, at) for at in LATENESS)
@@ -168,21 +174,21 @@ class _Verdicts:
         self.next, self.said = release + self.period, after
 
     def _late_doubts(self, began: int, ended: int) -> Iterator[str]:
-        """A doubt where it began, or was in force, too many ns after its release."""
+        """Gives a doubt where a verdict began, or was in force, too many ns after its release."""
         most = self.late + self.response
         if began > self.late:
             yield f"it came {began} ns after its release, and may {self.late} ns"
         elif ended > most:
             yield f"it was there {ended} ns after its release, and may {most} ns"
 
-    def missing(self, before_ns: int) -> str:
-        """Words for missing verdicts before a time; "" where none is."""
+    def missing_text(self, before_ns: int) -> str:
+        """Says in words how many verdicts are missing before a time; "" if none is."""
         count = -((self.next - before_ns) // self.period) if before_ns > self.next else 0
         return f"{count} verdicts are missing" if count > 1 else "the verdict is missing" * count
 
 
 def _lateness(decision: dict[str, Any], at: str) -> int:
-    """How many ns after its instant a step began, or ended; ValueError where that is no time."""
+    """How many ns after its instant a step began or ended; ValueError where that is no time."""
     late = decision.get(at, 0)
     if type(late) is not int or late < 0:
         raise ValueError(f"`{at}` is {late!r}, and no step comes before its release")
@@ -211,12 +217,12 @@ class _Reader:
         self.begun = False
 
     def read_instant(self, time_ns: int, due: Sequence[tuple[str, dict[str, Any]]]) -> None:
-        """Takes in all messages of one instant; SoterError D006 for what a log cannot mean."""
+        """Reads all messages of one instant; SoterError D006 for what a log cannot mean."""
         self.log.to_ns, self.begun = time_ns, True
         try:
             for channel, message in due:
                 if channel in self.topics:
-                    value = self._message(channel, message)
+                    value = self._topic_value(channel, message)
                     before = self.published.get(channel, [])
                     self.published[channel] = [(time_ns, value), *before[:1]]
                     self.assumed.note_message(time_ns, channel, value)
@@ -234,15 +240,15 @@ class _Reader:
             why = f"at {time_ns} ns: {fault}; is it a log of `{self.system.name}`?"
             raise unreadable_error(self.path, why) from error
 
-    def end(self, time_ns: int) -> None:
-        """The log was read up to here, this instant included."""
-        self.assumed.end(time_ns)
+    def end_log(self, time_ns: int) -> None:
+        """Adds the doubts that come up at the end of the log."""
+        self.assumed.end_log(time_ns)
         self.log.doubts += self.assumed.doubts
         for name, module in self.modules.items() if self.begun else ():
             if module.next == 0:
                 text = "the log has no verdict of it"
                 self.log.doubts.append(Doubt(0, name, CONTRADICTED, text))
-            self._note_missing(name, module.missing(time_ns + 1 - module.late), module.next)
+            self._note_missing(name, module.missing_text(time_ns + 1 - module.late), module.next)
 
     def _note_missing(self, name: str, text: str, since_ns: int) -> None:
         if text:
@@ -252,16 +258,16 @@ class _Reader:
         name = message["module"]
         module = self.modules[name]
         release = time_ns // module.period * module.period
-        self._note_missing(name, module.missing(release), module.next)
-        why = list(module.doubts_of(time_ns, message))
+        self._note_missing(name, module.missing_text(release), module.next)
+        why = list(module.doubts_about(time_ns, message))
         estimate: dict[str, float] = {}
         is_ac = message["mode_after"] == "AC"
         self.assumed.note_verdict(time_ns, self.named[name], is_ac=is_ac, plan=module.plan)
         if is_ac:
             reads = message.get("reads", {})
             for topic, read in reads.items():
-                why += self._read(time_ns, topic, read, estimate)
-            why += self.assumed.apart(
+                why += self._doubts_about_read(time_ns, topic, read, estimate)
+            why += self.assumed.why_not_one_instant(
                 {t: r["age_ns"] for t, r in reads.items() if r["age_ns"] is not None}
             )
             self.log.verdicts.append(LoggedVerdict(time_ns, name, estimate, module.plan))
@@ -273,10 +279,10 @@ class _Reader:
             text = f"the log has no message of {', '.join(silent)} to compare its reads with"
             self.log.doubts.append(Doubt(time_ns, name, UNCONFIRMED, text, estimate))
 
-    def _read(
+    def _doubts_about_read(
         self, time_ns: int, name: str, read: dict[str, Any], estimate: dict[str, float]
     ) -> Iterator[str]:
-        """Add the leaves of what was read to `estimate`, and yield what contradicts that read."""
+        """Adds the leaves of a read to `estimate`, and gives the doubts about that read."""
         topic, age = self.topics[name], read["age_ns"]
         value = from_json(topic.type, read["value"], name)
         if not has_list(topic.type):
@@ -309,26 +315,18 @@ class _Reader:
         elif repr(published) != repr(value):  # bit by bit: -0.0 is another number than 0.0
             yield f"it read {name} of {time_ns - age} ns, and the log has another value of then"
 
-    def _message(self, channel: str, message: dict[str, Any]) -> Value:
-        """A message as a value of its topic."""
+    def _topic_value(self, channel: str, message: dict[str, Any]) -> Value:
+        """The value of a topic that a message has."""
         of = self.topics[channel].type
         plain = message if isinstance(of, RecordType) else message["value"]
         return from_json(of, plain, channel)
 
 
-REST, PLANS = "rest", "plans"
-OF_LOGS = ("D006", "D007", "D023")
-ANY_COMMAND = "with any command, and the log has not what was judged of commands: "
-PARAMETER = "param "
-SAME_PROGRAM = "fly and prove the same program with the same parameters"
-"""The beginning, in a log, of the name of a parameter that is not at its default."""
-
-
 def open_flights(folder: Path, logs: Sequence[str]) -> Flights | None:
-    """Make `Flights` of logs and the certificate in a folder; None where that cannot be read.
+    """Makes `Flights` of logs and the certificate in a folder; None where that cannot be read.
 
-    SoterError D006 of what is no log, D007 where `mcap` is not installed, D023 of a log that the
-    certificate is not about; `NotACertificateError`.
+    SoterError D006 for a file that is no log, D007 where `mcap` is not installed, D023 for a log
+    that the certificate is not about; `NotACertificateError`.
     """
     require_log_package()
     try:
@@ -345,9 +343,9 @@ class Flights:
     """Logs of flights of the program of a certificate, whose seal is `seal`."""
 
     def __init__(self, certificate: Certificate, logs: Sequence[str]) -> None:
-        """Find the system of each log; the verdicts in it are not read yet."""
+        """Finds the system of each log; the verdicts in it are not read yet."""
         self.seal = certificate.seal
-        self._checked, self._overrides = program_of(certificate)
+        self._checked, self._overrides = read_program(certificate)
         assert self._checked.program is not None
         self._sha256 = self._checked.program.sha256
         self._entries = [e for e in certificate.manifest["modules"] if REST in e or PLANS in e]
@@ -361,17 +359,17 @@ class Flights:
         self._followers: dict[tuple[str, str], dict[str, ModuleTube] | str] = {}
         self._logs = [(log, self._system_of(log)) for log in logs]
 
-    def add_to(self, report: Report) -> None:
-        """Add the findings on the logs to the report on the certificate, if it is not rejected."""
+    def add_to_report(self, report: Report) -> None:
+        """Adds the findings on the logs to the certificate's report, unless that is rejected."""
         if report.verdict != REJECTED and report.seal != self.seal:
             report.verdict, report.reason = REJECTED, "it was changed while it was being read"
         if report.verdict != REJECTED:
-            report.flights += self.check()
+            report.flights += self.judge_logs()
 
-    def check(self, workers: int | None = None) -> Iterator[FlightReport]:
-        """Judge log after log, telling the share of its verdicts that are done.
+    def judge_logs(self, workers: int | None = None) -> Iterator[FlightReport]:
+        """Judges log after log, telling which share of its verdicts is done.
 
-        Ctrl-C ends it with what was asked until then of the log that it was at.
+        Ctrl-C ends it; the report of that log then counts the verdicts that were judged.
         """
         for log, system in self._logs:
             began = _cpu_seconds()
@@ -388,7 +386,7 @@ class Flights:
                 report.to_ns, report.cut, report.doubts = read.to_ns, read.cut, list(read.doubts)
                 report.unlogged = list(read.unlogged)
                 phase(f"{visible(log)}: SC, followed from each estimate", anew=True)
-                every = self._answers(system, read.verdicts, workers or os.cpu_count() or 1)
+                every = self._judged_verdicts(system, read.verdicts, workers or os.cpu_count() or 1)
                 with closing(every) as answers:  # processes end where somebody breaks it off
                     for v, why in answers:
                         asked.append(v)
@@ -407,15 +405,15 @@ class Flights:
             if report.interrupted:
                 return
 
-    def _answers(
+    def _judged_verdicts(
         self, system: str, verdicts: Sequence[LoggedVerdict], workers: int
     ) -> Generator[tuple[LoggedVerdict, str]]:
-        """Each verdict, as it is done, and why its estimate is not known to be good; "": it is."""
+        """Each verdict, once it is judged, and why its estimate may be bad; "" if it is good."""
         for name in {v.module for v in verdicts}:
             self._tubes_of(system, name)  # before processes are forked
 
         def answer(k: int) -> str:
-            return self._why_not(system, verdicts[k])
+            return self._why_not_confirmed(system, verdicts[k])
 
         answers: Generator[tuple[int, str]] = ((k, answer(k)) for k in range(len(verdicts)))
         if workers > 1 and len(verdicts) > 1 and can_fork():
@@ -424,8 +422,8 @@ class Flights:
             for k, why in answers:
                 yield verdicts[k], why
 
-    def _why_not(self, system: str, verdict: LoggedVerdict) -> str:
-        """Why a verdict is not confirmed; "": it is."""
+    def _why_not_confirmed(self, system: str, verdict: LoggedVerdict) -> str:
+        """Why a verdict is not confirmed; "" if it is."""
         tubes = self._tubes_of(system, verdict.module)
         if isinstance(tubes, str):
             return tubes
@@ -438,7 +436,7 @@ class Flights:
             why = known.why_not_good(verdict.estimate) or ""
             return ANY_COMMAND + why if why and known.judges_commands else why
         except Exception as error:  # noqa: BLE001 - whatever it is, nothing is confirmed
-            return failure_reason(error)
+            return reason_in_words(error)
 
     def _tubes_of(self, system: str, module: str) -> dict[str, ModuleTube] | str:
         """The tube of each plan of a module, made once; or why there is none."""
@@ -447,27 +445,29 @@ class Flights:
             proved = self._proved[system], module
             entry = next(e for e in self._entries if (e["system"], e["module"]) == proved)
             try:
-                plans = entries_of_plans(self._flat_of(proved[0]), entry)
+                plans = entries_of_plans(self._flattened(proved[0]), entry)
                 self._followers[key] = {name: tube_of_entry(*of) for name, of in plans.items()}
             except Exception as error:  # noqa: BLE001 - as above
-                self._followers[key] = failure_reason(error)
+                self._followers[key] = reason_in_words(error)
         return self._followers[key]
 
     # ------------------------------------------------------------ of which program
 
     def _system_of(self, log: str) -> str:
-        """The system that flew in a log; SoterError D023 where the certificate is of another."""
+        """The system that flew in a log; SoterError D023 where the certificate is about another."""
         header = log_metadata(Path(log))
         if not header:
             raise unreadable_error(Path(log), "it does not say what flew")
-        system, own = header.get("system", ""), self._sha256
-        if header.get("program_sha256") != own:
+        system, sha256 = header.get("system", ""), self._sha256
+        if header.get("program_sha256") != sha256:
             other = header.get("program_sha256", "none")
-            raise _mismatch(log, f"its program is {other[:12]}, that of the certificate {own[:12]}")
+            raise _mismatch(
+                log, f"its program is {other[:12]}, that of the certificate {sha256[:12]}"
+            )
         of_entries = dict.fromkeys(e["system"] for e in self._entries)
         assert self._checked.program is not None
         if system in self._checked.program.systems:
-            self._proved[system] = (self._flat_of(system).proved or self._flat_of(system)).name
+            self._proved[system] = (self._flattened(system).proved or self._flattened(system)).name
         if self._proved.get(system) not in of_entries:
             names = ", ".join(f"`{n}`" for n in of_entries)
             why = f"system `{system}` flew, and the certificate is about {names}"
@@ -483,7 +483,7 @@ class Flights:
                 raise _mismatch(log, text)
         return system
 
-    def _flat_of(self, system: str) -> System:
+    def _flattened(self, system: str) -> System:
         if system not in self._flats:
             flat = system_to_prove(self._checked, system, self._overrides, exact=False)
             self._flats[system] = flat

@@ -1,7 +1,7 @@
 """Whether `enters`, the predicate of a hand-over, holds only in R(H).
 
 Purpose: a module with views is handed over where a node changes what the state of a view rests on.
-`jumps_of` says, for each topic that the map of a view reads, whether that is confirmed
+`jumps_by_plant` says, for each topic that the map of a view reads, whether that is confirmed
 (docs/proof-sets.md, "Hand-over"): that its node changes it only where `enters` holds, and that the
 state lies in R(H) wherever that holds of an estimate (`why_not_entered`).
 Non-goals: rejecting hand-overs: what is not confirmed is an assumption, and the report says why.
@@ -23,10 +23,10 @@ from soter.certificate.cell_predicates import (
     Decision,
     cells_wrongly_admitted,
     conjunction_of,
-    influence,
+    influence_of_inputs,
 )
 from soter.certificate.extras.views import shown_part_of_enters
-from soter.certificate.proof_methods import jump_by_solver
+from soter.certificate.proof_methods import import_jump_check
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.folder import FREE
 from soter.certificate.reading.module_facts import driven_topics, topics_read
@@ -36,12 +36,12 @@ from soter.certificate.terms.linear_enclosures import (
     HALF,
     TINIEST,
     UNIT_ROUNDOFF,
-    above,
-    below,
     exact,
+    lower,
     magnitude,
+    upper,
 )
-from soter.certificate.terms.terms import both, conjuncts, inputs_of, negation
+from soter.certificate.terms.terms import both, conjuncts, input_atoms, negation
 from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import leaves
 
@@ -70,7 +70,7 @@ TRIES_BEYOND = 2_000
 class Jump:
     """A topic that the map of a view reads, and the node that publishes it.
 
-    `why` it is not confirmed that the state jumps into R(H) where the topic changes; "": it is.
+    `why`: why it is not confirmed that the state jumps into R(H) where the topic changes, or "".
     """
 
     topic: str
@@ -78,10 +78,10 @@ class Jump:
     why: str
 
 
-def jumps_of(facts: Facts, groups: Groups, claims: set[str]) -> dict[str, list[Jump]]:
-    """The jumps of each abstracting plant; `groups`: of every case, their claims confirmed.
+def jumps_by_plant(facts: Facts, groups: Groups, claims: set[str]) -> dict[str, list[Jump]]:
+    """Abstracting plant -> its jumps; `groups`: of every case, with their claims confirmed.
 
-    Nothing where a module has no views, or no `enters`.
+    Empty where a module has no views, or no `enters`.
     """
     if not facts.view or facts.whole is None or facts.whole.verify.enters is None:
         return {}
@@ -99,18 +99,18 @@ def jumps_of(facts: Facts, groups: Groups, claims: set[str]) -> dict[str, list[J
 
 
 def _jump_by_publisher(facts: Facts, link: typed.AbstractionLink, topic: typed.TopicSymbol) -> Jump:
-    """The jump of one topic, by what the node that publishes it is shown to do (z3)."""
+    """The jump of one topic, by what z3 shows of the node that publishes it."""
     if find_spec("z3") is None:
         return Jump(topic.name, "", "`z3-solver` is not installed")
     try:
-        node, why = jump_by_solver()(facts, link, topic)
+        node, why = import_jump_check()(facts, link, topic)
     except Exception as error:  # noqa: BLE001 - whatever it is, nothing is confirmed
         return Jump(topic.name, "", _failure_text(error))
     return Jump(topic.name, node, why)
 
 
 def _why_not_by_sets(facts: Facts, groups: Groups, claims: set[str]) -> str:
-    """Why it is not confirmed that the state lies in R(H) wherever `enters` holds."""
+    """Why it is not confirmed that the state lies in R(H) wherever `enters` holds; else ""."""
     if not claims & FREE:
         return "nothing is claimed with which R(H) is confirmed"
     try:
@@ -136,7 +136,7 @@ def _failure_text(error: Exception) -> str:
 
 
 def jump_assumptions(facts: Facts, jumps: Jumps) -> Said:
-    """The assumptions that what a view's state rests on changes only as the proof has it."""
+    """The assumptions on when the topics change on which a view's state rests."""
     for link in facts.symbol.verify.abstracts:
         tried = jumps.get(link.name, ())
         kept = {j.topic for j in tried if not j.why}
@@ -152,7 +152,7 @@ def jump_assumptions(facts: Facts, jumps: Jumps) -> Said:
 
 
 def confirmed_jumps(facts: Facts, jumps: Jumps) -> Said:
-    """The jumps of which that is confirmed, and is no assumption any more."""
+    """The jumps that are confirmed, and so no assumptions any more."""
     assert facts.whole is not None
     assert facts.whole.verify.enters is not None
     text = " ".join(facts.whole.verify.enters.span.text.split())
@@ -170,10 +170,10 @@ def confirmed_jumps(facts: Facts, jumps: Jumps) -> Said:
 
 
 def why_not_entered(model: CaseModel, groups: Sequence[GridGroup], expr: typed.TypedExpr) -> str:
-    """The reason why `expr` is not shown to hold only in R(H), in one case; "" where it is.
+    """Why `expr` is not shown to hold only in R(H), in one case; "" where it is.
 
     `groups` hold every state once; their R(H) was shown to lead nowhere but into K. `expr` reads
-    nothing but what the plants of the view drive. NotRecheckedError for what is not understood.
+    only what the plants of the view drive. NotRecheckedError for an unknown construct.
     """
     states = [s for g in groups for s in g.states]
     if sorted(states) != list(range(len(model.facts.states))):
@@ -193,24 +193,24 @@ def why_not_entered(model: CaseModel, groups: Sequence[GridGroup], expr: typed.T
 
 
 def where_entered_outside(group: GridGroup, model: CaseModel, expr: typed.TypedExpr) -> str:
-    """A place outside R(H) where `expr` may hold, in words; not even `safe` is assumed there."""
+    """Says where outside of R(H) `expr` may hold, or ""; not even `safe` is assumed there."""
     grid = group.tables.grid
     assert group.tables.free is not None
     check = AdmitCheck(model, group.tables, expr, admits=True, anywhere=True)
-    failed = next(cells_wrongly_admitted(check, group.tables.free, grid.whole), None)
+    failed = next(cells_wrongly_admitted(check, group.tables.free, grid.all_cells), None)
     if failed is None:
         return ""
     names = ", ".join(model.facts.states[s].name for s in group.states)
-    return f"it may hold outside R(H), at {names} in {grid.text(failed)}"
+    return f"it may hold outside R(H), at {names} in {grid.block_in_words(failed)}"
 
 
 # ---------------------------------------------------------------- outside the grid
 
 
 def _judged_ranges(facts: Facts, expr: typed.TypedExpr) -> list[tuple[float, float] | None]:
-    """The range of each state where `expr` is judged; None where nothing that it reads bounds it.
+    """The range of each state where `expr` is judged; None where no topic that it reads bounds it.
 
-    What is published lies in its declared set, and shows the state up to its error and rounding.
+    A published value lies in its declared set, and shows the state up to its error and rounding.
     """
     ranges: list[tuple[float, float] | None] = [None] * len(facts.states)
     driven = driven_topics(facts)
@@ -232,7 +232,7 @@ def _judged_ranges(facts: Facts, expr: typed.TypedExpr) -> list[tuple[float, flo
             low, high = exact(bound.low), exact(bound.high)
             size = magnitude(low).max(magnitude(high)) + error
             error += size * (4 * UNIT_ROUNDOFF) + 4 * TINIEST
-            ends = below(low - error), above(high + error)
+            ends = lower(low - error), upper(high + error)
             old = ranges[state] or ends
             ranges[state] = max(old[0], ends[0]), min(old[1], ends[1])
     return ranges
@@ -244,7 +244,7 @@ def _where_outside_grid(
     expr: typed.TypedExpr,
     reach: Sequence[tuple[float, float]],
 ) -> str:
-    """A place outside the grid where `expr` may hold, in words; "" if it cannot."""
+    """Says where outside of the grid `expr` may hold; "" if it cannot."""
     parts = _conjunct_checks(CaseModel(model.facts, model.parameter, tuple(reach)), expr)
     for axes in (g.tables for g in groups):
         for state, edges in zip(axes.states, axes.grid.edges, strict=True):
@@ -259,7 +259,7 @@ def _where_outside_grid(
 
 
 def _conjunct_checks(anywhere: CaseModel, expr: typed.TypedExpr) -> list[_ConjunctCheck]:
-    """The conjuncts of `expr`, each with what must be true so that it is judged without a fault."""
+    """A check of each conjunct of `expr`, with the obligations without which it faults."""
     terms, states = anywhere.new_terms()
     truth = anywhere.predicate(terms, states, expr, errors=True)
     sound = conjunction_of(terms.obligations)
@@ -280,15 +280,15 @@ class _ConjunctCheck:
     ) -> None:
         fails = both(negation(part), sound)
         self._decision = Decision(model, range(len(atoms)), terms, atoms, fails)
-        own = ((exact(a), exact(b)) for a, b in model.extents)
-        self._box: Box = [*own, *self._decision.ranges]
-        free = sorted(i for i in inputs_of(terms, [fails]) if terms.atoms[i].kind == "box")
-        self._weights = [float(influence(terms, part, [i])) for i in (*atoms, *free)]
+        ranges = ((exact(a), exact(b)) for a, b in model.extents)
+        self._box: Box = [*ranges, *self._decision.ranges]
+        free = sorted(i for i in input_atoms(terms, [fails]) if terms.atoms[i].kind == "box")
+        self._weights = [float(influence_of_inputs(terms, part, [i])) for i in (*atoms, *free)]
 
     def certainly_fails(self, state: int, low: float, high: float) -> bool:
-        """Whether it certainly fails where a state is in a range: the box of all is halved.
+        """Whether the conjunct certainly fails where a state is in a range; the box is halved.
 
-        What moves most of what is compared is halved first.
+        The input that moves the compared numbers most is halved first.
         """
         if not self._weights[state]:
             return False

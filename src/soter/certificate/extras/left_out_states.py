@@ -1,10 +1,10 @@
 """Checked again: states that a claim need not look at, wholly or beyond the ends of their axes.
 
-Purpose: `leave_out` takes the states that a certificate leaves out from the problem; `refuse_read`
-checks that nothing which is asked depends on them. `require_unread_states` shows that no rate and
-no command of SC reads a state whose axis is unbounded; `read_turning` enters which axes wrap
-around, and `refuse_turns_read` checks that all that reads their states is the same a turn further.
-`GridBeyondEnds` is a grid with such axes.
+Purpose: `leave_out_states` takes the states that a certificate leaves out from the problem;
+`refuse_reads_of_left_out_states` checks that nothing which is asked depends on them.
+`require_unread_states` shows that no rate and no command of SC reads a state whose axis is
+unbounded; `read_turning` enters which axes wrap around, and `refuse_turns_read` checks that all
+that reads their states is the same a turn further. `GridBeyondEnds` is a grid with such axes.
 Non-goals: sets of the other states (`cell_sets.py`); the rates' values.
 
 The argument for a state that is left out: what is asked are terms of the other states, so that a
@@ -25,7 +25,7 @@ begin there those are enclosed that begin between the edges. Let one begin at z 
 edge e, which a box from which runs are enclosed touches. Take from it, at all times, z - e along
 that axis: that is a run from the box. Where it does not fall by more than the last cell is wide it
 stays in the last cell, and the other one, which is above it, does so, too, while all else of the
-two is the same (`followed_beyond`).
+two is the same (`holds_beyond_ends`).
 """
 
 from __future__ import annotations
@@ -52,14 +52,14 @@ from soter.certificate.reading.case_model import FARTHEST, LEFT_OUT, CaseModel, 
 from soter.certificate.reading.module_facts import Facts, bounded_topics
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.compile_terms import all_certain
-from soter.certificate.terms.linear_enclosures import above, below, exact
+from soter.certificate.terms.linear_enclosures import exact, lower, upper
 from soter.certificate.terms.terms import (
     Linear,
     Proposition,
     Terms,
     atoms_under,
-    inputs_of,
-    parts_of,
+    input_atoms,
+    subpropositions,
 )
 from soter.language.model.assumption_words import in_words
 
@@ -74,12 +74,28 @@ if TYPE_CHECKING:
 
 BOUNDED = EVERYWHERE | {"soft_sign"}
 LARGEST_OF = frozenset({"max0", "abs", "sqrt", "choice", "spread", "min", "max"})
+THIRD = 5461.5
+"""Terms hold on three times an extent: up to 16,384 is assumed of each such state."""
+NEAR = exact(2.0**-44)
+"""Ends of an axis are so near to a turn apart."""
+TURN = 2 * math.pi
+SEAM = 2.0**-40
+"""By so much the cells at the ends of a full turn go on beyond them: the ends are a turn apart but
+for rounding, so that these two cells meet."""
+BACK = 2.0**-45
+"""More than what is lost where a number is brought back by whole turns."""
+FAR = 2.0**14
+"""The farthest from 0 that a state on an axis which wraps around is assumed to be, in rad."""
+FARTHEST_TURNED = 32.0
+"""Farther numbers are not brought back."""
+WIDER = 256
+"""The factor by which each box is wider than the one before, on the way there."""
 
 
-def leave_out(facts: Facts, names: Collection[str]) -> None:
-    """Take the states of these names out of the problem.
+def leave_out_states(facts: Facts, names: Collection[str]) -> None:
+    """Takes the states of these names out of the problem.
 
-    RejectedError where the module declares an axis for one.
+    RejectedError where the module declares an axis for one of them.
     """
     left = {i for i, s in enumerate(facts.states) if s.name in names}
     if not left:
@@ -96,33 +112,33 @@ def leave_out(facts: Facts, names: Collection[str]) -> None:
     facts.open_ends = {place[i] for i in facts.open_ends}
 
 
-def refuse_read(model: CaseModel) -> None:
-    """RejectedError where something that is asked depends on a state that is left out.
+def refuse_reads_of_left_out_states(model: CaseModel) -> None:
+    """RejectedError where a claim depends on a state that is left out, or such a state may end.
 
-    The same where its solution may end in finite time; NotRecheckedError for undefined rates.
+    NotRecheckedError where the rate of such a state may be undefined.
     """
     facts = model.facts
     terms, states = model.new_terms()
-    asked: list[Linear | Proposition] = list(model.commands(terms, states))
+    asked: list[Linear | Proposition] = list(model.sc_commands(terms, states))
     asked.append(model.predicate(terms, states, facts.symbol.safe, errors=False))
     seen = [facts.ttf, facts.symbol.safer, facts.symbol.verify.enters]
     asked += [model.predicate(terms, states, e, errors=True) for e in seen if e is not None]
-    asked += [model.in_set(terms, states, topic) for topic in bounded_topics(facts)]
+    asked += [model.topic_in_set(terms, states, topic) for topic in bounded_topics(facts)]
     controls = control_inputs(facts, terms)
     asked += [*model.rates(terms, states, controls)[0], *terms.obligations]
     terms.obligations.clear()
-    of_left_out = model.rates_left_out(terms, states, controls)
+    of_left_out = model.rates_of_left_out_states(terms, states, controls)
     left = {i for i, atom in enumerate(terms.atoms) if atom.name.startswith(LEFT_OUT)}
     names = ", ".join(s.name for s in facts.left_out)
-    if inputs_of(terms, asked) & left:
+    if input_atoms(terms, asked) & left:
         raise RejectedError(f"something that is asked reads what is left out: {names}")
     if not all_certain(terms, terms.obligations):
         raise NotRecheckedError(f"the rate of what is left out is not defined everywhere: {names}")
-    if any(degree(terms, rate, left) > 1 for rate in of_left_out):
+    if any(growth_degree(terms, rate, left) > 1 for rate in of_left_out):
         raise RejectedError(f"what is left out may end before what is asked does: {names}")
 
 
-def degree(terms: Terms, x: Linear, inputs: Collection[int]) -> float:
+def growth_degree(terms: Terms, x: Linear, inputs: Collection[int]) -> float:
     """A power of these inputs beyond which a term does not grow; inf where none is known."""
     known: dict[int, float] = {}
     for index in sorted(atoms_under(terms, [x])):  # arguments first
@@ -140,10 +156,10 @@ def degree(terms: Terms, x: Linear, inputs: Collection[int]) -> float:
 
 
 def require_unread_states(model: CaseModel, groups: int) -> None:
-    """`NotRecheckedError` where a rate or SC may read such a state, or the argument is not for it.
+    """`NotRecheckedError` where a rate or SC may read a state whose axis has no ends.
 
-    The rates and SC's step are read with states that may be anything up to `FARTHEST`, so that no
-    branch is left out because of where a grid ends.
+    The rates and SC's step are read with such states up to `FARTHEST`, so that no branch is left
+    out because of where a grid ends. The argument covers no maps, no `enters`, and one group.
     """
     facts = model.facts
     if facts.kind == "map" or facts.symbol.verify.enters is not None:
@@ -152,7 +168,7 @@ def require_unread_states(model: CaseModel, groups: int) -> None:
         raise NotRecheckedError("an axis without ends beside other groups")
     terms, states = model.new_terms(FARTHEST)
     rates, _ = model.rates(terms, states, control_inputs(facts, terms))
-    read = inputs_of(terms, [*rates, *model.commands(terms, states), *terms.obligations])
+    read = input_atoms(terms, [*rates, *model.sc_commands(terms, states), *terms.obligations])
     for i in sorted(facts.unbounded):
         (atom,) = states[i].terms
         if atom in read:
@@ -160,16 +176,10 @@ def require_unread_states(model: CaseModel, groups: int) -> None:
             raise NotRecheckedError(f"`{name}`, whose axis has no ends, is read by SC or a plant")
 
 
-THIRD = 5461.5
-"""Terms hold on three times an extent: up to 16,384 is assumed of each such state."""
-NEAR = exact(2.0**-44)
-"""Ends of an axis are so near to a turn apart."""
-
-
 def read_turning(facts: Facts, names: object) -> None:
-    """Enter the states whose axis wraps around; RejectedError where one may not.
+    """Enters the states whose axes wrap around; RejectedError where one may not.
 
-    The extents of all states are known.
+    The extents of all states have been entered before.
     """
     if not isinstance(names, list) or not names or len({*map(str, names)}) != len(names):
         raise RejectedError("`wraps` is not as it should be")
@@ -189,17 +199,17 @@ def read_turning(facts: Facts, names: object) -> None:
 
 
 def refuse_turns_read(model: CaseModel) -> None:
-    """RejectedError where something that is asked is not the same a turn further."""
+    """RejectedError where rates, commands or predicates differ when an angle is a turn further."""
     facts, far = model.facts, (-THIRD, THIRD)
     extents = tuple(far if i in facts.turning else e for i, e in enumerate(model.extents))
     model = replace(model, extents=extents)
     terms, states = model.new_terms()
-    asked: list[Linear | Proposition] = list(model.commands(terms, states))
+    asked: list[Linear | Proposition] = list(model.sc_commands(terms, states))
     true = [facts.symbol.safe, *([facts.symbol.rest.condition] if facts.symbol.rest else [])]
     asked += [model.predicate(terms, states, e, errors=False) for e in true]
     seen = [e for e in (facts.ttf, facts.symbol.safer) if e is not None]
     asked += [model.predicate(terms, states, e, errors=True) for e in seen]
-    asked += [model.in_set(terms, states, topic) for topic in bounded_topics(facts)]
+    asked += [model.topic_in_set(terms, states, topic) for topic in bounded_topics(facts)]
     asked += model.rates(terms, states, control_inputs(facts, terms))[0]
     asked += terms.obligations
     if not all(_is_turn_invariant(terms, x) for x in asked):
@@ -208,7 +218,7 @@ def refuse_turns_read(model: CaseModel) -> None:
 
 
 def _is_turn_invariant(terms: Terms, asked: Linear | Proposition) -> bool:
-    """Whether a term is the same where angles are turns further."""
+    """Whether a term is the same where angles are whole turns further."""
     for index in atoms_under(terms, [asked]):
         atom = terms.atoms[index]
         if atom.condition is not None and not _compares_no_angle(terms, atom.condition):
@@ -220,34 +230,20 @@ def _is_turn_invariant(terms: Terms, asked: Linear | Proposition) -> bool:
 
 
 def _compares_no_angle(terms: Terms, x: Linear | Proposition) -> bool:
-    """Whether no angle stands in it by itself."""
+    """Whether no angle stands by itself in a term, or in a comparison of a proposition."""
     if isinstance(x, Linear):
         return not may_be_turned(terms, x)
-    compared = [p.argument for p in parts_of(x) if p.argument is not None]
+    compared = [p.argument for p in subpropositions(x) if p.argument is not None]
     return not any(may_be_turned(terms, y) for y in compared)
 
 
 def _is_angle(terms: Terms, x: Linear) -> bool:
-    """Whether angles stand in it as whole multiples, and it is rounded by little."""
+    """Whether angles stand in a term as whole multiples, and it is rounded by little."""
     whole = all(x.terms[i].is_integer() for i in terms.turning & x.terms.keys())
     return whole and bool(x.radius <= 2 * FAR_TURNS)  # with that of the function
 
 
 # ---------------------------------------------------------------- grids with such axes
-
-
-TURN = 2 * math.pi
-SEAM = 2.0**-40
-"""By so much the cells at the ends of a full turn go on beyond them: the ends are a turn apart but
-for rounding, so that these two cells meet."""
-BACK = 2.0**-45
-"""More than what is lost where a number is brought back by whole turns."""
-FAR = 2.0**14
-"""The farthest from 0 that a state on an axis which wraps around is assumed to be, in rad."""
-FARTHEST_TURNED = 32.0
-"""Farther numbers are not brought back."""
-WIDER = 256
-"""The factor by which each box is wider than the one before, on the way there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,37 +253,37 @@ class GridBeyondEnds(Grid):
     unbounded: tuple[bool, ...]
     wraps: tuple[bool, ...]
 
-    def cells_of_axis(self, axis: int, low: float, high: float) -> tuple[int, int] | None:
-        """As of any grid; of an axis that wraps around from within it, and on behind its last."""
+    def cells_around_interval(self, axis: int, low: float, high: float) -> tuple[int, int] | None:
+        """As a `Grid` has it; on an axis that wraps around cells are counted on behind the last."""
         edges = self.edges[axis]
         if self.wraps[axis]:
             near = -FARTHEST_TURNED <= low <= high <= FARTHEST_TURNED
-            return _cells_around(edges, low, high) if near else None
+            return _cells_of_turn_around(edges, low, high) if near else None
         if self.unbounded[axis]:
             width = edges[-1] - edges[0]
             if not (edges[0] - width <= low <= high <= edges[-1] + width):
                 return None
-            low, high = self.brought_in(axis, low, high)
-        return super().cells_of_axis(axis, low, high)
+            low, high = self.move_onto_axis(axis, low, high)
+        return super().cells_around_interval(axis, low, high)
 
     def box(self, block: Block) -> list[tuple[arb, arb]]:
-        """The box of a block of cells; at the ends of an axis that wraps around a little more."""
+        """The box of a block of cells, a little wider at the ends of an axis that wraps around."""
         ends = []
         for edges, around, (low, high) in zip(self.edges, self.wraps, block, strict=True):
             cuts = (edges[0] - SEAM, *edges[1:-1], edges[-1] + SEAM) if around else edges
             ends.append((exact(cuts[low]), exact(cuts[high])))
         return ends
 
-    def counted_on(self, table: NDArray[Any]) -> NDArray[Any]:
-        """A table, of the grid's shape, once more behind itself along axes that wrap around."""
+    def table_continued(self, table: NDArray[Any]) -> NDArray[Any]:
+        """A table of the grid's shape, followed by itself along axes that wrap around."""
         for k in np.flatnonzero(self.wraps):
             table = np.concatenate([table, table], axis=int(k))
         return table
 
-    def followed_beyond(self, start: Sequence[tuple[arb, arb]], boxes: Sequence[float]) -> bool:
-        """Whether what is enclosed from a box holds of all runs from the cells that it is part of.
+    def holds_beyond_ends(self, start: Sequence[tuple[arb, arb]], boxes: Sequence[float]) -> bool:
+        """Whether what is enclosed from a box holds of all runs from the cells around that box.
 
-        `boxes`: where runs from `start` are, one after the other. See the top of this file.
+        `boxes`: where runs from `start` are, as low, high, ... of each. See the head of this file.
         """
         width = 2 * len(self.edges)
         if not boxes:
@@ -295,18 +291,17 @@ class GridBeyondEnds(Grid):
         for k in (k for k in range(len(self.edges)) if self.unbounded[k]):
             edges, (low, high) = self.edges[k], start[k]
             least, most = min(boxes[2 * k :: width]), max(boxes[2 * k + 1 :: width])
-            if not high < edges[-1] and not low - exact(least) <= _width(edges, -2):
+            if not high < edges[-1] and not low - exact(least) <= _cell_width(edges, -2):
                 return False
-            if not low > edges[0] and not exact(most) - high <= _width(edges, 0):
+            if not low > edges[0] and not exact(most) - high <= _cell_width(edges, 0):
                 return False
         return True
 
-    def whole_boxes(self, block: Block, reads: Sequence[bool]) -> list[list[tuple[arb, arb]]]:
-        """Boxes that cover a block together with all that lies beyond, up to `FARTHEST`.
+    def boxes_covering(self, block: Block, reads: Sequence[bool]) -> list[list[tuple[arb, arb]]]:
+        """Boxes that cover a block and, along axes that are read, all beyond it up to `FARTHEST`.
 
-        The first one is that of the block. Those beyond are far wider each than the one before: in
-        each the numbers are of a size, so that rounding is small. Along axes that are not read
-        nothing lies beyond that would matter.
+        The first box is that of the block. The others grow in width, each by a large factor: in
+        each the numbers are of one size, so that rounding is small.
         """
         sides = []
         for k, inside in enumerate(self.box(block)):
@@ -317,34 +312,34 @@ class GridBeyondEnds(Grid):
             sides.append(parts)
         return [list(box) for box in product(*sides)]
 
-    def brought_in(self, axis: int, low: float, high: float) -> tuple[float, float]:
-        """What lies beyond an axis without ends moved onto it; turned back where one wraps."""
+    def move_onto_axis(self, axis: int, low: float, high: float) -> tuple[float, float]:
+        """An interval moved onto an axis without ends, or turned back on one that wraps around."""
         edges = self.edges[axis]
         if self.unbounded[axis]:
             return min(max(low, edges[0]), edges[-1]), min(max(high, edges[0]), edges[-1])
-        return turned_back(edges, low, high) if self.wraps[axis] else (low, high)
+        return turn_back(edges, low, high) if self.wraps[axis] else (low, high)
 
 
 def has_no_ends(grid: Grid, axis: int) -> bool:
-    """Whether what lies beyond the ends of an axis belongs to its outer cells."""
+    """Whether states beyond the ends of an axis belong to its outer cells."""
     return isinstance(grid, GridBeyondEnds) and grid.unbounded[axis]
 
 
-def reach(grid: Grid, axis: int) -> tuple[float, ...]:
-    """Breakpoints of an axis, the outer ones as far out as their cells go."""
+def reached_breakpoints(grid: Grid, axis: int) -> tuple[float, ...]:
+    """The breakpoints of an axis, the outer ones as far out as their cells go."""
     edges, far = grid.edges[axis], float(FARTHEST)
     return (-far, *edges[1:-1], far) if has_no_ends(grid, axis) else edges
 
 
 def beyond_ends(edges: Sequence[float], *, low: bool, high: bool) -> list[tuple[arb, arb]]:
-    """Intervals that cover what lies beyond the ends of an axis, up to `FARTHEST`."""
+    """Intervals that cover the numbers beyond the ends of an axis, up to `FARTHEST`."""
     first, last = edges[0], edges[-1]
     below_it = [(-b, -a) for a, b in _intervals_beyond(-first, last - first)] if low else []
     return [*below_it, *(_intervals_beyond(last, last - first) if high else ())]
 
 
-def _cells_around(edges: Sequence[float], low: float, high: float) -> tuple[int, int]:
-    """The cells of a full turn that cover an interval, from within the first turn on."""
+def _cells_of_turn_around(edges: Sequence[float], low: float, high: float) -> tuple[int, int]:
+    """The cells of a full turn that cover an interval, counted on beyond the first turn."""
     count, turns = len(edges) - 1, [math.floor((x - edges[0]) / TURN) for x in (low, high)]
     if turns[0] == -1 and low >= edges[0] - SEAM:
         turns[0] = 0  # of the first cell still
@@ -362,21 +357,21 @@ def _cells_around(edges: Sequence[float], low: float, high: float) -> tuple[int,
     return first % count, first % count + last - first
 
 
-def turned_back(edges: Sequence[float], low: float, high: float) -> tuple[float, float]:
+def turn_back(edges: Sequence[float], low: float, high: float) -> tuple[float, float]:
     """An interval less so many whole turns that it begins on an axis, rounded outwards.
 
-    Unchanged if it lies on the axis or too far outside it; the whole axis if it is longer than half
-    of it: what is enclosed goes half a turn beyond.
+    It is unchanged if it lies on the axis, or too far out; it becomes the whole axis if it is
+    longer than half of it: what is enclosed goes half a turn beyond.
     """
     if edges[0] <= low <= high <= edges[-1] or not max(-low, high) <= FAR:
         return low, high
     if high - low >= TURN / 2:
         return edges[0] - SEAM, edges[-1] + SEAM
     back = 2 * arb.pi() * math.floor((low - edges[0]) / TURN)
-    return below(exact(low) - back), above(exact(high) - back)
+    return lower(exact(low) - back), upper(exact(high) - back)
 
 
-def _width(edges: Sequence[float], cell: int) -> arb:
+def _cell_width(edges: Sequence[float], cell: int) -> arb:
     """The width of one cell of an axis; the last cell is -2."""
     return exact(edges[cell + 1]) - exact(edges[cell])
 

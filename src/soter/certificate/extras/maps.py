@@ -1,7 +1,7 @@
 """Plants that are maps, which step in place of holds.
 
-Purpose: `check_instants` checks that all that is read and all that acts is of the instants in which
-the map steps; `map_step` is a period of SC, `map_free` a phase under any commands.
+Purpose: `require_instants_of_map` checks that all reads and actions are of instants in which the
+map steps; `map_steps_in_period` is a period of SC, `map_phase` a phase under any commands.
 Non-goals: what a map computes (`reading/case_model.py`), sets (`grid/group_claims.py`).
 """
 
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.certificate.reading.case_model import boxes_of, control_inputs
+from soter.certificate.reading.case_model import control_inputs, other_ends
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.compile_terms import compile_step
 
@@ -26,14 +26,14 @@ STEPS_MAX, PHASE_MAX = 1_000, 100_000
 """Steps of a map in a period of SC, and in a phase of any command."""
 
 
-def check_instants(facts: Facts, setting: TimingSetting) -> None:
-    """Check that all that is read and all that acts is of one instant, in which the map steps.
+def require_instants_of_map(facts: Facts, setting: TimingSetting) -> None:
+    """NotRecheckedError unless all reads and all actions are of instants in which the map steps.
 
-    Else `NotRecheckedError`: ages and delays are not counted beside a map.
+    Ages and delays are not counted beside a map.
     """
     step, dm, sc = facts.plants[0].period_ns, setting.dm, setting.sc
     paths = [(r, p) for r in (*setting.by_dm, *setting.by_sc) for p in r.paths]
-    late = [dm.slow, sc.slow, *(e.least | e.most for e in setting.effects)]
+    late = [dm.max_delay, sc.max_delay, *(e.least | e.most for e in setting.effects)]
     between = [*(p.clocks[1:] for _, p in paths), *(e.clocks for e in setting.effects)]
     together = (dm.period, sc.period, dm.phase, sc.phase)
     beside = {
@@ -53,13 +53,13 @@ def check_instants(facts: Facts, setting: TimingSetting) -> None:
             raise NotRecheckedError("beside a map `max_age` must be shorter than its period")
 
 
-def map_step(model: CaseModel, members: Sequence[int]) -> Step:
+def map_steps_in_period(model: CaseModel, members: Sequence[int]) -> Step:
     """One period of SC: so many steps of the map under one command.
 
     NotRecheckedError where they are too many.
     """
     terms, states = model.new_terms()
-    commands = model.commands(terms, states)
+    commands = model.sc_commands(terms, states)
     count = model.facts.times["delta_ns"] // model.facts.plants[0].period_ns
     if count > STEPS_MAX:
         raise NotRecheckedError(f"more than {STEPS_MAX:,} steps of the map in a period of SC")
@@ -74,11 +74,11 @@ def map_step(model: CaseModel, members: Sequence[int]) -> Step:
         [current[i] for i in members],
         ranges=between,
         must=terms.obligations,
-        boxes=boxes_of(model, states, members),
+        boxes=other_ends(model, states, members),
     )
 
 
-def map_free(model: CaseModel, members: Sequence[int], time_ns: int) -> tuple[Step, ...]:
+def map_phase(model: CaseModel, members: Sequence[int], time_ns: int) -> tuple[Step, ...]:
     """Steps of the map under any commands, as many as the time has.
 
     NotRecheckedError where they are too many.
@@ -96,6 +96,6 @@ def map_free(model: CaseModel, members: Sequence[int], time_ns: int) -> tuple[St
         [after[i] for i in members],
         ranges=[after[i] for i in members],
         must=terms.obligations,
-        boxes=boxes_of(model, states, members),
+        boxes=other_ends(model, states, members),
     )
     return (step,) * -(-time_ns // period)

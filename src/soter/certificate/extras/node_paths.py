@@ -21,11 +21,11 @@ from soter.certificate.reading.derived_times import (
     Effect,
     TopicPath,
     Ways,
-    releases,
-    straight_path,
+    path_from_plant,
+    releases_in_hyperperiod,
 )
 from soter.certificate.reading.module_facts import DiffersError, driven_topics
-from soter.certificate.reading.supported_constructs import parts_of
+from soter.certificate.reading.supported_constructs import code_parts
 from soter.certificate.report import NotRecheckedError
 from soter.language.model import typed
 from soter.language.model.system import holder_of
@@ -69,68 +69,68 @@ class NodePath(TopicPath):
 
     @property
     def clocks(self) -> tuple[Clock, ...]:
-        """The sensor, and what follows it."""
+        """The sensor, and the nodes that follow."""
         return (self.sensor, *self.nodes)
 
     @property
-    def before(self) -> TopicPath:
-        """The path of what its last node reads."""
+    def path_before_last_node(self) -> TopicPath:
+        """The path of the topic that its last node reads."""
         rest = self.nodes[:-1]
         return NodePath(self.sensor, rest) if rest else TopicPath(self.sensor)
 
     def oldest_stamp(self, time: int) -> int:
-        """The oldest stamp that a read at this time may show, long after the start.
+        """The oldest stamp, in ns, that a read at this time may show, long after the start.
 
-        A node's publication of release t is certainly seen at a time after t + slow, not before:
-        in the same instant either order is possible, and a reader of the module comes first. So the
-        oldest that may be seen is the last release t with t + slow < time; it was published at t at
-        the earliest.
+        A node's publication of release t is certainly seen at a time after t + its longest run, not
+        before: in the same instant either order is possible, and a reader of the module comes
+        first. The oldest that may be seen is the last release t with t + longest run < time; it was
+        published at t at the earliest.
         """
         node = self.nodes[-1]
-        return node.last_release(time - node.slow - 1)
+        return node.last_release(time - node.max_delay - 1)
 
     def oldest_state(self, time: int) -> int:
-        """The oldest state time that a read at this time may show, long after the start.
+        """The oldest time of a state that a read at this time may show, long after the start.
 
         What may be seen of a node does not get older with time, so that its read is oldest where
         its step starts at its release.
         """
-        return self.before.oldest_state(self.oldest_stamp(time))
+        return self.path_before_last_node.oldest_state(self.oldest_stamp(time))
 
     def age_peaks(self, start: int, end: int) -> Iterator[int]:
-        """The times in [start, end] at which the age of a read is greatest: before it falls."""
+        """The times in [start, end] at which a read may be oldest: just before its age falls."""
         node = self.nodes[-1]
-        yield from node.times_in(start, end, node.phase + node.slow)
+        yield from node.times_at_phase(start, end, node.phase + node.max_delay)
         yield end
 
     def longest_lag(self, silent: int) -> int:
         """P: from the state to its publication, at most; a silent sensor's is published on."""
-        node, before = self.nodes[-1], self.before
+        node, before = self.nodes[-1], self.path_before_last_node
         worst = 0
-        for t in releases(node, [c.period for c in self.clocks]):
+        for t in releases_in_hyperperiod(node, [c.period for c in self.clocks]):
             for s in before.age_peaks(t, t + node.late):
                 worst = max(worst, s + node.response - before.oldest_state(s))
         return worst + silent
 
     def certain_since(self, silent: int = 0) -> int:
-        """The first time at which a read certainly shows a state, `silent` added by the sensor.
+        """The time from which a read certainly shows a state, if the sensor is `silent` so long.
 
-        F is one less: seen is what was published before.
+        It is one ns later than F: a read sees what was published before.
         """
-        return self._first_certain(silent) + self.nodes[-1].slow + 1
+        return self._first_release_with_state(silent) + self.nodes[-1].max_delay + 1
 
-    def _first_certain(self, silent: int) -> int:
+    def _first_release_with_state(self, silent: int) -> int:
         """The release of the last node from which on it certainly publishes a state."""
-        return self.nodes[-1].next_release(self.before.certain_since(silent))
+        return self.nodes[-1].next_release(self.path_before_last_node.certain_since(silent))
 
     def may_publish_nothing(self, silent: int = 0) -> bool:
-        """Whether a fresh publication may show the default of a topic before: no state at all."""
-        return self._first_certain(silent) > self.nodes[-1].phase
+        """Whether a fresh publication may show no state, but what a node makes of a default."""
+        return self._first_release_with_state(silent) > self.nodes[-1].phase
 
 
 @dataclass(frozen=True)
 class NodeEffect(Effect):
-    """An effect by way of nodes: it acts `least` to `most` after the last of these publishes."""
+    """The delay of an output by way of nodes: `least` to `most` after the last one publishes."""
 
     nodes: tuple[Clock, ...] = ()
 
@@ -139,26 +139,26 @@ class NodeEffect(Effect):
         """The nodes on the way."""
         return self.nodes
 
-    def earliest(self, published: int) -> int:
-        """The earliest it may act."""
+    def earliest_action(self, published: int) -> int:
+        """The earliest time at which an output that is published at this time may act."""
         at = published
         for node in self.nodes:
             # the first release whose start may be as late as that; in one instant it is seen
             t = at - node.late + (node.phase - at + node.late) % node.period
             at = max(t, at)
-        return super().earliest(at)
+        return super().earliest_action(at)
 
-    def latest(self, published: int, *, at_once: bool) -> int:
-        """The latest it may act. `at_once`: a node that starts at that very time sees it.
+    def latest_action(self, published: int, *, at_once: bool) -> int:
+        """The latest time at which it may act; `at_once`: a node starting then already sees it.
 
         The release in whose interval it is published may start before and see nothing; the first
         one after that sees it, and may start and publish as late as it may.
         """
         at, seen = published, at_once
         for node in self.nodes:
-            at = node.next_release(at if seen else at + 1) + node.slow
+            at = node.next_release(at if seen else at + 1) + node.max_delay
             seen = False
-        return super().latest(at, at_once=seen)
+        return super().latest_action(at, at_once=seen)
 
 
 @dataclass
@@ -176,10 +176,10 @@ class NodeWays(Ways):
         """The ways to a topic; `behind`: the nodes that were followed already."""
         self._count_look()
         paths: list[TopicPath] = []
-        for c in self._writers(index):
+        for c in self._publishers(index):
             if c.plant is not None:
                 if self._is_in_proof(c):
-                    paths.append(straight_path(c))
+                    paths.append(path_from_plant(c))
                 else:
                     self.notes["beside", c.name] = None
                 continue
@@ -194,13 +194,13 @@ class NodeWays(Ways):
         return paths
 
     def _paths_over(self, c: Component, index: int, behind: tuple[int, ...]) -> list[TopicPath]:
-        """The paths through a node: what it publishes is as old as what it reads.
+        """The paths through a node, whose publications are as old as its reads.
 
-        A node behind the module that reads no sensor on its own is part of what is abstracted:
-        its state is what it last published.
+        A node behind the module that reads no sensor on its own is part of what is abstracted: its
+        state is what it last published.
         """
         assert c.node is not None
-        topics = _subscribed(self.system, c)
+        topics = _topics_read(self.system, c)
         if before := [p for i in topics for p in self._paths_to(i, behind)]:
             self._require_each_step(c, index)
             self._note_undeclared(c)
@@ -221,30 +221,30 @@ class NodeWays(Ways):
         self._count_look()
         if index in self.module.outputs:
             return True
-        for c in self._writers(index):
+        for c in self._publishers(index):
             if c.role == "node" and c.index not in behind and len(behind) < NODES_MAX:
                 more = (*behind, c.index)
-                if any(self._is_commanded(i, more) for i in _subscribed(self.system, c)):
+                if any(self._is_commanded(i, more) for i in _topics_read(self.system, c)):
                     return True
         return False
 
     # ------------------------------------------------------------ from the module
 
-    def effects(self, least: int, most: int) -> tuple[Effect, ...]:
-        """All ways from an output to the plants, or to what belongs to the vehicle.
+    def find_effects(self, least: int, most: int) -> tuple[Effect, ...]:
+        """The ways from all outputs to the plants, or to what belongs to the vehicle.
 
         NotRecheckedError where one leads nowhere.
         """
         effects: list[Effect] = []
         for index in self.module.outputs:
-            ends = [NodeEffect(least, most, nodes) for nodes in self._clocks_from(index, (), ())]
+            ends = [NodeEffect(least, most, nodes) for nodes in self._routes_from(index, (), ())]
             if not ends:
                 name = self.system.topics[index].name
                 raise NotRecheckedError(f"no plant feels `{name}` in `{self.system.name}`")
             effects += ends
         return tuple(dict.fromkeys(effects))
 
-    def _clocks_from(
+    def _routes_from(
         self, index: int, nodes: tuple[Clock, ...], behind: tuple[int, ...]
     ) -> Iterable[tuple[Clock, ...]]:
         self._count_look()
@@ -256,17 +256,17 @@ class NodeWays(Ways):
             if c.plant is not None and index in c.reads:
                 routes.append(nodes)
             other = c.module != self.module.index  # what the module itself publishes is a command
-            if c.role in ("ac", "sc") and other and self._reads(c, index):
+            if c.role in ("ac", "sc") and other and self._is_reached_by(c, index):
                 name = self.system.topics[index].name
                 raise NotRecheckedError(f"`{c.name}` of another module reads `{name}`")
-            if c.role != "node" or c.index in behind or index not in _subscribed(self.system, c):
+            if c.role != "node" or c.index in behind or index not in _topics_read(self.system, c):
                 continue
             if len(behind) >= NODES_MAX:
                 raise NotRecheckedError(f"more than {NODES_MAX} nodes on a path")
-            routes += self._clocks_by_node(c, nodes, behind)
+            routes += self._routes_by_node(c, nodes, behind)
         return routes
 
-    def _clocks_by_node(
+    def _routes_by_node(
         self, c: Component, nodes: tuple[Clock, ...], behind: tuple[int, ...]
     ) -> Iterable[tuple[Clock, ...]]:
         assert c.node is not None
@@ -274,7 +274,7 @@ class NodeWays(Ways):
             after = c.scope.topics[topic]
             step = self._is_in_step(c, nodes, behind)
             on = nodes if step else (*nodes, self._clock_of(c))
-            if ends := list(self._clocks_from(after, on, (*behind, c.index))):
+            if ends := list(self._routes_from(after, on, (*behind, c.index))):
                 self._require_each_step(c, after)
                 if not step:
                     self._note_undeclared(c)
@@ -282,7 +282,7 @@ class NodeWays(Ways):
             yield from ends
 
     def _is_in_step(self, c: Component, nodes: tuple[Clock, ...], behind: tuple[int, ...]) -> bool:
-        """Whether a node is released whenever SC is, behind all before it, and says no times.
+        """Whether a node is released whenever SC is, behind all before it, and declares no times.
 
         Then it is taken to run in the module's thread, behind SC (an assumption, printed): it
         passes an output on in the instant in which it is published. An extern has a process of its
@@ -291,7 +291,7 @@ class NodeWays(Ways):
         sc = self.system.components[self.module.sc]
         verify = self.module.symbol.verify
         bounded = {**verify.late_of, **verify.response_of}
-        if nodes or c.takes_ns is not None or any(n in bounded for n in self._names(c)):
+        if nodes or c.takes_ns is not None or any(n in bounded for n in self._names_of_node(c)):
             return False
         if (c.extern and not c.inline) or (behind and behind[-1] > c.index):
             return False
@@ -305,26 +305,26 @@ class NodeWays(Ways):
         if self.looked > LOOKS_MAX:
             raise NotRecheckedError("more ways between plants and module than are followed")
 
-    def _names(self, c: Component) -> list[str]:
+    def _names_of_node(self, c: Component) -> list[str]:
         """The names by which the `verify` block may call a node."""
         home = holder_of(self.module)
         return [c.name, c.name.removeprefix(f"{home}.") if home else c.name]
 
     def _is_in_proof(self, c: Component) -> bool:
-        """Whether the proof has this plant: one that `abstracts` names, any if it names none."""
+        """Whether the proof has this plant: `abstracts` names it, or names no plant."""
         links = self.module.symbol.verify.abstracts
-        return not links or any(link.instance in self._names(c) for link in links)
+        return not links or any(link.instance in self._names_of_node(c) for link in links)
 
-    def _writers(self, index: int) -> list[Component]:
-        """Plants, nodes, and controllers of other modules that publish a topic."""
+    def _publishers(self, index: int) -> list[Component]:
+        """The plants, nodes, and controllers of other modules that publish a topic."""
         return [
             c
             for c in self.system.components
             if index in c.writes and (c.plant is not None or c.module != self.module.index)
         ]
 
-    def _reads(self, c: Component, index: int) -> bool:
-        """Whether a topic reaches a component, through a queue or not."""
+    def _is_reached_by(self, c: Component, index: int) -> bool:
+        """Whether a component reads a topic, also through a queue."""
         return any(index in (i, self.system.topics[i].queue_of) for i in c.reads)
 
     def _require_each_step(self, c: Component, index: int) -> None:
@@ -339,29 +339,29 @@ class NodeWays(Ways):
             raise NotRecheckedError(f"`{c.name}` may not publish `{name}` in every step")
 
     def _clock_of(self, c: Component) -> Clock:
-        """The period and delays of a node; times that are not declared are zero."""
+        """The clock of a node; times that are not declared count as zero."""
         late, response = (self._declared_time(c, of) for of in ("late_of", "response_of"))
         clock = Clock(c.name, c.period_ns, c.phase_ns, late or 0, response or 0)
-        if clock.slow > clock.period:
+        if clock.max_delay > clock.period:
             raise NotRecheckedError(f"a run of `{c.name}` may not be over when the next one is due")
         return clock
 
     def _note_undeclared(self, c: Component) -> None:
-        """Note a node on a path whose times are not declared, and so assumed."""
+        """Notes a node on a path whose times are not declared, and so assumed."""
         if None in (self._declared_time(c, "late_of"), self._declared_time(c, "response_of")):
             self.undeclared[c.name] = None
 
     def _declared_time(self, c: Component, of: str) -> int | None:
-        """A time of a node, where the `verify` block has one, or the node says it itself."""
+        """A time of a node that the `verify` block, or the node itself, declares; else None."""
         if of == "response_of" and c.takes_ns is not None:
             return c.takes_ns[1]
         times: dict[str, typed.TypedExpr] = getattr(self.module.symbol.verify, of)
-        expr = next((times[n] for n in self._names(c) if n in times), None)
+        expr = next((times[n] for n in self._names_of_node(c) if n in times), None)
         return None if expr is None else self.number(expr)
 
 
-def _subscribed(system: System, c: Component) -> list[int]:
-    """The topics that a node reads; a queue shows old values, and nobody says how old."""
+def _topics_read(system: System, c: Component) -> list[int]:
+    """The topics that a node reads; NotRecheckedError for a queue, which tells no age."""
     assert c.node is not None
     topics = []
     for s in c.node.subscribes:
@@ -376,12 +376,12 @@ def _subscribed(system: System, c: Component) -> list[int]:
 def _always_publishes(body: tuple[typed.TypedStmt, ...], topic: typed.TopicSymbol) -> bool:
     """Whether a body publishes a topic whatever it reads."""
 
-    def does(s: typed.TypedStmt) -> bool:
+    def is_publishing(s: typed.TypedStmt) -> bool:
         if isinstance(s, typed.TypedIf):
             return all(_always_publishes(b, topic) for b in (*(b for _, b in s.arms), s.otherwise))
         return isinstance(s, typed.TypedPublish) and s.topic is topic
 
-    return any(map(does, body))
+    return any(map(is_publishing, body))
 
 
 def node_assumptions(ways: Ways) -> Said:
@@ -395,17 +395,16 @@ def node_assumptions(ways: Ways) -> Said:
 
 
 def check_ways(facts: Facts, setting: TimingSetting, reads: tuple[list[int], list[int]]) -> None:
-    """Check that an estimate shows one instant, and that SC's reads may have an age for each topic.
+    """DiffersError unless an estimate shows one instant, and no state reaches SC with two ages.
 
     The DM compares the stamps of what plants publish to it. The stamp of a node does not show what
     the node has read: that has to come by one way to all numbers of the estimate, and from one
     topic where sensors may be silent. Of what SC reads each state has an age of its own in chains
     and tubes, so that no state may come by two topics of different ages, nor by two numbers of one
     topic that is made of several reads.
-    DiffersError where this is not so.
     """
     by_dm, by_sc = (
-        {w for r in of for w in _sampled(facts, r)} for of in (setting.by_dm, setting.by_sc)
+        {w for r in of for w in _plant_ways(facts, r)} for of in (setting.by_dm, setting.by_sc)
     )
     numbers = sum(1 for i in reads[0] for _ in leaves(facts.system.topics[i].type))
     apart = len({clocks for clocks, _ in by_dm}) > 1 < numbers
@@ -413,35 +412,35 @@ def check_ways(facts: Facts, setting: TimingSetting, reads: tuple[list[int], lis
         apart |= len({name for _, name in by_dm}) > 1
     if apart:
         raise DiffersError("what the DM reads may show several instants, and no stamp tells")
-    if _instants(by_sc, setting) < 2:
+    if _count_instants(by_sc, setting) < 2:
         return
     shown = []
     for read, index in zip(setting.by_sc, reads[1], strict=True):
         plant, published = driven_topics(facts)[index]
-        apart = _instants(_sampled(facts, read), setting) > 1
-        parts = _numbers(published) if apart else [published]
+        apart = _count_instants(_plant_ways(facts, read), setting) > 1
+        parts = _number_expressions(published) if apart else [published]
         shown += [_states_behind(plant, part) for part in parts]
     twice = sum(map(len, shown)) > len(set[object]().union(*shown))
     if twice:
         raise DiffersError("what SC reads may show several instants, and counts as one")
 
 
-def _instants(ways: Iterable[tuple[tuple[Clock, ...], str]], setting: TimingSetting) -> int:
+def _count_instants(ways: Iterable[tuple[tuple[Clock, ...], str]], setting: TimingSetting) -> int:
     """How many instants ways show: as many as differ, or as the topics that may be silent."""
     every = set(ways)
     heard = {name for _, name in every} if setting.silent else set()
     return max(len({clocks for clocks, _ in every}), len(heard))
 
 
-def _numbers(published: typed.TypedExpr) -> list[typed.TypedExpr]:
-    """What each number of a value is made of; the whole of what is not written out by parts."""
+def _number_expressions(published: typed.TypedExpr) -> list[typed.TypedExpr]:
+    """The expression of each number of a value; its whole expression where no parts are written."""
     if isinstance(published, typed.Aggregate):
-        return [x for e in published.elements for x in _numbers(e)]
+        return [x for e in published.elements for x in _number_expressions(e)]
     return [published for _ in leaves(published.type)]
 
 
-def _sampled(facts: Facts, read: TopicReading) -> Iterator[tuple[tuple[Clock, ...], str]]:
-    """Each way of a topic from a plant, as clocks, with a topic of the plant at its beginning.
+def _plant_ways(facts: Facts, read: TopicReading) -> Iterator[tuple[tuple[Clock, ...], str]]:
+    """The ways of a topic from plants, as clocks, each with the plant's topic at its beginning.
 
     Plants of one period and phase have one clock.
     """
@@ -458,13 +457,13 @@ def _sampled(facts: Facts, read: TopicReading) -> Iterator[tuple[tuple[Clock, ..
 
 
 def _states_behind(plant: Component, published: typed.TypedExpr) -> set[tuple[int, object]]:
-    """The states and disturbances of which a plant makes what it publishes."""
+    """The states and disturbances that a plant uses for what it publishes."""
     assert plant.plant is not None
     lets: dict[object, object] = dict(plant.plant.lets)
     todo: list[object] = [published]
     found: set[tuple[int, object]] = set()
     while todo:
-        for part in parts_of([todo.pop()]):
+        for part in code_parts([todo.pop()]):
             if isinstance(part, typed.VarRead) and (plant.index, part.variable) not in found:
                 found.add((plant.index, part.variable))
                 todo += [lets[part.variable]] if part.variable in lets else []

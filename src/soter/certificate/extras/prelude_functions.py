@@ -1,7 +1,7 @@
 """Functions of the prelude but `clamp`, read as what they mean: `sin`, `atan2`, `pow`, ...
 
-Purpose: `read_as_meant` makes the term of a call, the exact function within its tested bound; of
-`FUNCTIONS` each gives the line over one of them (of two numbers a slope for each).
+Purpose: `term_of_prelude_call` makes the term of a call, the exact function within its tested
+bound; of `FUNCTIONS` each gives the line over one of them (of two numbers a slope for each).
 Non-goals: functions whose body is read (`symbolic_reading.py`); the bounds, which are tested and
 not proved (`language/prelude/function_error_bounds.py`), an assumption.
 """
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from flint import arb
 
-from soter.certificate.reading.symbolic_operations import one_number
+from soter.certificate.reading.symbolic_operations import remembered_with_doubts
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.linear_enclosures import (
     HALF,
@@ -24,15 +24,15 @@ from soter.certificate.terms.linear_enclosures import (
     UNIT,
     UNIT_ROUNDOFF,
     ZERO,
+    end_values,
     exact,
-    extremes,
     hull,
     larger,
+    least_and_greatest,
     line_square,
-    nothing_known,
-    of_monotone,
     smaller,
-    smooth,
+    tangent,
+    unbounded_line,
 )
 from soter.certificate.terms.terms import Linear, Terms, either
 from soter.language.prelude.function_error_bounds import BOUNDS
@@ -64,28 +64,27 @@ EVERYWHERE = frozenset({"sin", "cos", "tanh", "atan"})
 """Functions of the prelude that have a value, and no large one, of all real numbers."""
 
 
-def read_as_meant(make: Operations, name: str, operands: Sequence[Value]) -> Value | None:
+def term_of_prelude_call(make: Operations, name: str, operands: Sequence[Value]) -> Value | None:
     """The term of a call that depends on inputs; None where the function's body is to be read."""
     step = name == "smoothstep" and operands[0] == operands[1]
     if name in PRELUDE and not step:
-        return prelude(make, name, *operands)
+        return prelude_function(make, name, *operands)
     return nearest_whole(make, *operands) if name == "_round" and not make.is_rounded else None
 
 
-@one_number
-def prelude(make: Operations, name: str, *operands: Value) -> Linear:
+@remembered_with_doubts
+def prelude_function(make: Operations, name: str, *operands: Value) -> Linear:
     """A function of the prelude: the exact one within its tested bound (an assumption).
 
-    Claimed is that the result stands for all that the machine computes. Let y be the exact
-    value, u the unit roundoff. On its domain it computes y, off by `ulps` units of y and
-    `absolute`, and lies in `values` (`prelude/function_error_bounds.py`). A unit of y is
-    2 u |y| at most, that of the double it is rounded to 1 + u times as much, and `TINIEST`
-    where y is subnormal: off by a share of |y| and a constant. A flow has y itself. Outside of
-    the domain it is no number, which is a doubt that the result rests on; so is that `exp`
-    may be infinite. A turn further an argument was rounded by `FAR_TURNS` more.
-    NotRecheckedError where the bound is one that is not read here.
+    The claim: the result stands for all that the machine computes. Let y be the exact value, u the
+    unit roundoff. On its domain it computes y, off by `ulps` units of y and `absolute`, and lies in
+    `values` (`prelude/function_error_bounds.py`). A unit of y is 2 u |y| at most, that of the
+    double it is rounded to 1 + u times as much, and `TINIEST` where y is subnormal: off by a share
+    of |y| and a constant. A flow has y itself. Outside of the domain it is no number, which is a
+    doubt that the result rests on; so is that `exp` may be infinite. A turn further an argument was
+    rounded by `FAR_TURNS` more. NotRecheckedError for a bound of another kind.
     """
-    bound, numbers = BOUNDS[name], [make.finite(x) for x in operands]
+    bound, numbers = BOUNDS[name], [make.finite_term(x) for x in operands]
     if bound.relative:
         raise NotRecheckedError(f"`{name}` has a bound of another kind")
     turned = name in OF_A_TURN and may_be_turned(make.terms, numbers[0])
@@ -94,7 +93,7 @@ def prelude(make: Operations, name: str, *operands: Value) -> Linear:
         around = x.low - far, x.high + far
         numbers = [Linear(x.const, x.terms, x.radius + far, *around, x.nonnegative)]
     if name in JUMPS:
-        numbers = [make.on_both_sides(x) for x in numbers]
+        numbers = [make.widened_at_jump(x) for x in numbers]
     if make.everywhere and name in EVERYWHERE:
         return make.terms.apply_function(name, *numbers)
     for x, ends in zip(numbers, bound.domain, strict=True):
@@ -112,12 +111,12 @@ def prelude(make: Operations, name: str, *operands: Value) -> Linear:
     beyond = make.terms.beyond(value)
     if not (make.is_rounded or beyond):
         return value
-    off = with_error(make.terms, value, relative, absolute, low, high)
+    off = with_error_bound(make.terms, value, relative, absolute, low, high)
     return replace(off, beyond=beyond)
 
 
 def _exact_function(make: Operations, name: str, *numbers: Linear) -> Linear:
-    """A function of the prelude over real numbers; elsewhere it is no number."""
+    """A function of the prelude over real numbers; the result rests on its having a value."""
     terms = make.terms
     if name == "tan":  # it has no value where the cosine is 0
         cosine = terms.apply_function("cos", *numbers)
@@ -137,26 +136,28 @@ def _exact_function(make: Operations, name: str, *numbers: Linear) -> Linear:
         low, high, x = numbers
         parts = terms.subtract(x, low), terms.subtract(high, low)
         for difference in parts:
-            make.finite(terms.rounded(difference))
+            make.finite_term(terms.rounded(difference))
         return terms.apply_function("smooth_step", terms.divide(*parts))
     return terms.apply_function(name, *numbers)
 
 
-@one_number
+@remembered_with_doubts
 def nearest_whole(make: Operations, x: Linear) -> Linear:
-    """The whole number next to x, as a real function; of two that are as near the greater."""
+    """The whole number next to x over real numbers; halfway between two it is the greater."""
     return make.terms.apply_function(
-        "floor", make.on_both_sides(make.terms.combine(((ONE, x),), HALF))
+        "floor", make.widened_at_jump(make.terms.combine(((ONE, x),), HALF))
     )
 
 
 def may_be_turned(terms: Terms, x: Linear) -> bool:
-    """Whether a term may stand for numbers any number of turns further (`Terms.turning`)."""
+    """Whether a term may stand for angles any number of turns further (`Terms.turning`)."""
     return not terms.turning.isdisjoint(x.terms)
 
 
-def with_error(terms: Terms, x: Linear, share: arb, extra: arb, low: arb, high: arb) -> Linear:
-    """`x`, a function of the prelude: off by a share and `extra`, never outside [low, high].
+def with_error_bound(
+    terms: Terms, x: Linear, share: arb, extra: arb, low: arb, high: arb
+) -> Linear:
+    """`x`, a prelude function's value, with a share and `extra` as its error, in [low, high].
 
     It holds for arguments in the function's domain, which is an obligation of its own.
     """
@@ -171,13 +172,13 @@ def with_error(terms: Terms, x: Linear, share: arb, extra: arb, low: arb, high: 
 # ---------------------------------------------------------------- lines over functions
 
 
-def _of_wave(shift: arb, f: Function, low: arb, high: arb) -> Range:
-    """The range of a wave that is extreme at (shift + k) pi alone: 1 for even k, -1 for odd."""
+def _wave_range(shift: arb, f: Function, low: arb, high: arb) -> Range:
+    """The range of a wave that is extreme only at (shift + k) pi: 1 for even k, -1 for odd k."""
     first = (low / arb.pi() - shift).lower().ceil()
     last = (high / arb.pi() - shift).upper().floor()
     if not last < first + 1:
         return -ONE, ONE
-    least, most = of_monotone(f, low, high)
+    least, most = end_values(f, low, high)
     if last < first:
         return least, most
     return (least, ONE) if first == 2 * (first * HALF).floor() else (-ONE, most)
@@ -185,32 +186,32 @@ def _of_wave(shift: arb, f: Function, low: arb, high: arb) -> Range:
 
 def _line_log(low: arb, high: arb) -> Line:
     if not low > 0:
-        return nothing_known()
+        return unbounded_line()
     curve = lambda x, _: -1 / (2 * x * x)  # noqa: E731
-    return smooth(arb.log, lambda v: 1 / v, curve, of_monotone, low, high)
+    return tangent(arb.log, lambda v: 1 / v, curve, end_values, low, high)
 
 
 def _line_tan(low: arb, high: arb) -> Line:
-    """The function tan between two of its poles, which are at odd multiples of pi / 2."""
+    """The line over tan between two of its poles, which are at odd multiples of pi / 2."""
     turns = [(x / arb.pi() + HALF).floor() for x in (low, high)]
     if not turns[0] == turns[1]:  # noqa: SIM201 - of balls neither is certain
-        return nothing_known()
+        return unbounded_line()
     slope, curve = (lambda v: 1 + v.tan() ** 2), (lambda _, y: y * (1 + y * y))
-    return smooth(arb.tan, slope, curve, of_monotone, low, high)
+    return tangent(arb.tan, slope, curve, end_values, low, high)
 
 
 def _line_of_arc(sign: int, f: Function, low: arb, high: arb) -> Line:
-    """The functions asin (`sign` 1) and acos (-1) for the x in [-1, 1] of the interval."""
+    """The line over asin (`sign` 1) or acos (-1) for the x in [-1, 1] of the interval."""
     low, high = (x.max(-ONE).min(ONE) for x in (low.lower(), high.upper()))
 
     def slope(v: arb) -> arb:
         return sign / (1 - v * v).sqrt()
 
-    return smooth(f, slope, lambda x, _: HALF * x * slope(x) ** 3, of_monotone, low, high)
+    return tangent(f, slope, lambda x, _: HALF * x * slope(x) ** 3, end_values, low, high)
 
 
 def line_smooth_step(low: arb, high: arb) -> Line:
-    """The function 3 t^2 - 2 t^3 of the number t in [0, 1] that is nearest to x.
+    """The line over 3 t^2 - 2 t^3 of the number t in [0, 1] that is nearest to x.
 
     Its derivative is continuous, and changes with x as 6 - 12 t, or not at all beyond the ends.
     """
@@ -222,17 +223,17 @@ def line_smooth_step(low: arb, high: arb) -> Line:
         return x.max(ZERO).min(ONE)
 
     def curve(x: arb, _: arb) -> arb:
-        own = 3 - 6 * hull(inside(low), inside(high))
-        return own if x >= 0 and x <= 1 else hull(own, ZERO)
+        inner = 3 - 6 * hull(inside(low), inside(high))
+        return inner if x >= 0 and x <= 1 else hull(inner, ZERO)
 
     def value(x: arb) -> arb:
         return inside(x) ** 2 * (3 - 2 * inside(x))
 
-    return smooth(value, lambda x: 6 * inside(x) * (1 - inside(x)), curve, of_monotone, low, high)
+    return tangent(value, lambda x: 6 * inside(x) * (1 - inside(x)), curve, end_values, low, high)
 
 
 def line_wrap_angle(low: arb, high: arb) -> Line:
-    """The angle in [-pi, pi] of the same direction; any where some x may be half a turn."""
+    """The line over the angle in [-pi, pi] of one direction; any angle near half a turn."""
     half = arb.pi()
     if low.is_finite() and high.is_finite():
         turns = ((low + high) * HALF / (2 * half) + HALF).mid().floor()
@@ -244,7 +245,7 @@ def line_wrap_angle(low: arb, high: arb) -> Line:
 
 
 def line_wrapped_double(low: arb, high: arb) -> Line:
-    """What the prelude computes: x itself above -PI up to PI, else the angle of one near x."""
+    """The line over `wrap_angle` as computed: x in (-PI, PI], else an angle of a number near x."""
     if low > -math.pi and high <= math.pi:
         return ONE, ZERO, ZERO, low, high
     error = exact(BOUNDS["wrap_angle"].absolute)
@@ -255,10 +256,10 @@ def line_wrapped_double(low: arb, high: arb) -> Line:
 # ---------------------------------------------------------------- functions of two numbers
 
 
-def _plane(
+def _mean_value_plane(
     f: Callable[[arb, arb], arb], slopes: Sequence[arb], box: Sequence[Range], ends: Range
 ) -> Plane:
-    """By the mean value theorem: ranges over a box of both derivatives, and (`ends`) of f."""
+    """The plane over f by the mean value theorem: from ranges of f and of both derivatives."""
     middles, value, factors, rest = [((a + b) * HALF).mid() for a, b in box], hull(*ends), [], ZERO
     offset = f(*middles)
     for (low, high), middle, slope in zip(box, middles, slopes, strict=True):
@@ -272,44 +273,44 @@ def _plane(
 
 
 def plane_atan2(low_y: arb, high_y: arb, low_x: arb, high_x: arb) -> Plane:
-    """The angle of a point: extreme at corners; any where the origin or the ray behind is near."""
+    """The plane over the angle of a point; any angle near the origin and the ray behind it."""
     box = (low_y, high_y), (low_x, high_x)
     if not (low_x > 0 or low_y > 0 or high_y < 0):
         return ZERO, ZERO, ZERO, PI_UP, -PI_UP, PI_UP
     (a, b), (c, d) = (line_square(*ends)[3:] for ends in box)
     square, y, x = hull(a + c, b + d), hull(*box[0]), hull(*box[1])
     corners = [arb.atan2(a, b) for a in box[0] for b in box[1]]
-    return _plane(arb.atan2, (x / square, -y / square), box, extremes(corners))
+    return _mean_value_plane(arb.atan2, (x / square, -y / square), box, least_and_greatest(corners))
 
 
 def plane_pow(low_x: arb, high_x: arb, low_y: arb, high_y: arb) -> Plane:
-    """x^y for the x >= 0 of the box, and for all x where y is one whole number >= 0: as above."""
+    """The plane over x^y for x >= 0; for all x where y is one whole number that is at least 0."""
     xs, ys = (low_x.lower(), high_x.upper()), (low_y.lower(), high_y.upper())
     if not (ys[0] == ys[1] >= 0 and ys[0].is_integer()):
         xs = xs[0].max(ZERO), xs[1].max(ZERO)
 
     def ends(less: int) -> Range:
         values = [x ** (y - less) for x in xs for y in ys]
-        return extremes(values if not xs[0] < 0 < xs[1] else [*values, ZERO])
+        return least_and_greatest(values if not xs[0] < 0 < xs[1] else [*values, ZERO])
 
     slopes = hull(*ys) * hull(*ends(1)), hull(*ends(0)) * hull(xs[0].log(), xs[1].log())
-    return _plane(arb.__pow__, slopes, (xs, ys), ends(0))
+    return _mean_value_plane(arb.__pow__, slopes, (xs, ys), ends(0))
 
 
 FUNCTIONS: dict[str, Callable[..., tuple[arb, ...]]] = {
-    "sin": partial(smooth, arb.sin, arb.cos, lambda _, y: -y * HALF, partial(_of_wave, HALF)),
+    "sin": partial(tangent, arb.sin, arb.cos, lambda _, y: -y * HALF, partial(_wave_range, HALF)),
     "cos": partial(
-        smooth, arb.cos, lambda v: -v.sin(), lambda _, y: -y * HALF, partial(_of_wave, ZERO)
+        tangent, arb.cos, lambda v: -v.sin(), lambda _, y: -y * HALF, partial(_wave_range, ZERO)
     ),
-    "exp": partial(smooth, arb.exp, arb.exp, lambda _, y: y * HALF, of_monotone),
+    "exp": partial(tangent, arb.exp, arb.exp, lambda _, y: y * HALF, end_values),
     "log": _line_log,
     "tanh": partial(
-        smooth,
-        *(arb.tanh, lambda v: 1 - v.tanh() ** 2, lambda _, y: -y * (1 - y * y), of_monotone),
+        tangent,
+        *(arb.tanh, lambda v: 1 - v.tanh() ** 2, lambda _, y: -y * (1 - y * y), end_values),
     ),
     "atan": partial(
-        smooth,
-        *(arb.atan, lambda v: 1 / (1 + v * v), lambda x, _: -x / (1 + x * x) ** 2, of_monotone),
+        tangent,
+        *(arb.atan, lambda v: 1 / (1 + v * v), lambda x, _: -x / (1 + x * x) ** 2, end_values),
     ),
     "tan": _line_tan,
     "asin": partial(_line_of_arc, 1, arb.asin),
@@ -320,4 +321,4 @@ FUNCTIONS: dict[str, Callable[..., tuple[arb, ...]]] = {
     "atan2": plane_atan2,
     "pow": plane_pow,
 }
-"""Exact functions; the prelude's errors are added by `prelude`."""
+"""Exact functions; the prelude's errors are added by `prelude_function`."""

@@ -24,12 +24,12 @@ import numpy as np
 
 from soter.certificate.extras.left_out_states import beyond_ends, has_no_ends
 from soter.certificate.reading.case_model import FARTHEST, control_inputs
-from soter.certificate.reading.linear_flows import is_linear
+from soter.certificate.reading.linear_flows import has_linear_rates
 from soter.certificate.reading.module_facts import bounded_topics
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.compile_terms import all_certain
-from soter.certificate.terms.linear_enclosures import ZERO, above, below, exact
-from soter.certificate.terms.terms import FALSE, TRUE, Terms, inputs_of
+from soter.certificate.terms.linear_enclosures import ZERO, exact, lower, upper
+from soter.certificate.terms.terms import FALSE, TRUE, Terms, input_atoms
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -57,17 +57,17 @@ class TermsBesideZero(Terms):
     """Inputs that lie above their lower end (1), or below their upper one (-1)."""
 
     def below_zero(self, x: Linear, *, strict: bool = True) -> Proposition:
-        """As of any terms; at the ends that inputs have not it is decided, too."""
-        if self._beside_zero(x, 1 if strict else -1):
+        """The proposition x < 0 as of `Terms`, also decided at ends where inputs never are."""
+        if self._is_beside_zero(x, 1 if strict else -1):
             return TRUE if strict else FALSE
         return super().below_zero(x, strict=strict)
 
-    def is_beside(self, x: Linear) -> bool:
-        """Whether an input without an end is in x: what a rate is at 0 counts from both sides."""
+    def is_outside_state(self, x: Linear) -> bool:
+        """Whether x has an input that is never at one end: at 0 a rate counts from both sides."""
         return any(self.excluded.get(index, 0) for index in x.terms)
 
-    def _beside_zero(self, x: Linear, sign: int) -> bool:
-        """Whether sign * x <= 0, and would only be 0 where an input had an end that it has not."""
+    def _is_beside_zero(self, x: Linear, sign: int) -> bool:
+        """Whether sign * x <= 0, and x is only 0 where an input has an end that it has not."""
         most, beside = sign * x.const + x.radius, False
         for index, factor in x.terms.items():
             atom, slope = self.atoms[index], sign * factor
@@ -77,25 +77,25 @@ class TermsBesideZero(Terms):
 
 
 class Resting:
-    """The marked cells of one group; NotRecheckedError where the argument does not hold of it."""
+    """The marked cells of one group; NotRecheckedError where the argument does not cover it."""
 
     def __init__(self, model: CaseModel, group: Axes, marked: NDArray[np.bool_], c: Cells) -> None:
-        """`marked`: of the grid's shape; `c`: cells of C."""
+        """`marked`: of the grid's shape; `c`: the cells of C."""
         self.model, self.group, self.grid = model, group, group.grid
         self.marked, self.c = marked, c
         self._require_resting_case()
-        self.commands, read = self._commands()
+        self.commands, read = self._command_ranges()
         self.ways = [k for k, state in enumerate(group.states) if state not in read]
         self.moving = [k for k in range(len(group.states)) if k not in self.ways]
         if not self.ways:
             raise NotRecheckedError("P2a: K has cells at rest, and no state that nothing reads")
-        self.box = [self._extent(k) for k in self.moving]
+        self.box = [self._extent_of_b(k) for k in self.moving]
         self.rates = {
             signs: self._rates(signs) for signs in product((-1, 0, 1), repeat=len(self.moving))
         }
-        self._require_no_growth()
-        self.far = [[self._slopes(way, sign) for sign in (-1, 1)] for way in self.ways]
-        self.beyond = [[self._safe_beyond(way, sign) for sign in (-1, 1)] for way in self.ways]
+        self._require_nearing_zero()
+        self.far = [[self._growth_bounds(way, sign) for sign in (-1, 1)] for way in self.ways]
+        self.beyond = [[self._is_safe_beyond(way, sign) for sign in (-1, 1)] for way in self.ways]
 
     def _require_resting_case(self) -> None:
         facts = self.model.facts
@@ -110,14 +110,14 @@ class Resting:
             or facts.open_ends
             or asked
             or not alone
-            or is_linear(self.model, self.group.states)
+            or has_linear_rates(self.model, self.group.states)
         ):
             raise NotRecheckedError("P2a: K has cells at rest where their meaning is not settled")
 
     # ------------------------------------------------------------ terms
 
-    def _terms(self, ranges: Mapping[int, Interval]) -> tuple[TermsBesideZero, list[Linear]]:
-        """Fresh terms, states in these ranges; others anywhere."""
+    def _new_terms(self, ranges: Mapping[int, Interval]) -> tuple[TermsBesideZero, list[Linear]]:
+        """New terms, with states in these ranges, or anywhere."""
         terms = TermsBesideZero()
         whole = -FARTHEST, FARTHEST
         names = [s.name for s in self.model.facts.states]
@@ -126,24 +126,24 @@ class Resting:
         ]
         return terms, states
 
-    def _commands(self) -> tuple[list[Interval], set[int]]:
-        """The range of each command of SC over all states, and the states that it or a rate reads.
+    def _command_ranges(self) -> tuple[list[Interval], set[int]]:
+        """The range of each command of SC over all states, and the states that SC or a rate reads.
 
-        Those are found with states that may be anywhere, so that no branch is left out.
+        These states are found with states anywhere, so that no branch is left out.
         """
         model = self.model
-        terms, states = self._terms({})
+        terms, states = self._new_terms({})
         rates, _ = model.rates(terms, states, control_inputs(model.facts, terms))
-        found = inputs_of(terms, [*rates, *model.commands(terms, states), *terms.obligations])
+        found = input_atoms(terms, [*rates, *model.sc_commands(terms, states), *terms.obligations])
         read = {i for i, x in enumerate(states) if x.atom in found}
         near, states = model.new_terms()
-        answers = model.commands(near, states)
+        answers = model.sc_commands(near, states)
         if not all_certain(near, near.obligations):
             raise NotRecheckedError("P2a: SC does not certainly answer within its sets")
         bounds = zip(answers, model.facts.controls, strict=True)
         return [(u.low.max(exact(c.low)), u.high.min(exact(c.high))) for u, c in bounds], read
 
-    def _extent(self, axis: int) -> Interval:
+    def _extent_of_b(self, axis: int) -> Interval:
         """B along an axis: the smallest interval with 0 and with all marked cells."""
         others = tuple(k for k in range(self.marked.ndim) if k != axis)
         places = np.flatnonzero(self.marked.any(axis=others))
@@ -152,25 +152,25 @@ class Resting:
         return exact(min(low, 0.0)), exact(max(high, 0.0))
 
     def _rates(self, signs: Signs) -> list[Interval]:
-        """Intervals of all rates at the states of B, and a hair beyond, that have these signs.
+        """The ranges of all rates at the states of B, and a hair beyond, that have these signs.
 
-        Of a state that is 0 both sides count as well: a run may go to and fro there.
+        For a state that is 0 both sides count as well: a run may go to and fro there.
         """
-        found = self._rates_at(signs, signs)
+        found = self._rate_ranges_with_signs(signs, signs)
         for at in product(*((s,) if s else (-1, 1) for s in signs)):
             if at != signs:
-                more = self._rates_at(signs, at)
+                more = self._rate_ranges_with_signs(signs, at)
                 found = [(a.min(c), b.max(d)) for (a, b), (c, d) in zip(found, more, strict=True)]
         return found
 
-    def _rates_at(self, signs: Signs, compared: Signs) -> list[Interval]:
-        """These intervals, with comparisons with 0 decided by the signs `compared`."""
+    def _rate_ranges_with_signs(self, signs: Signs, compared: Signs) -> list[Interval]:
+        """These ranges, where comparisons with 0 are decided by the signs `compared`."""
         ranges = {}
         for axis, (low, high), sign in zip(self.moving, self.box, signs, strict=True):
             hair = (high - low) * HAIR
             ends = {-1: (low - hair, ZERO), 0: (ZERO, ZERO), 1: (ZERO, high + hair)}
             ranges[self.group.states[axis]] = ends[sign]
-        terms, states = self._terms(ranges)
+        terms, states = self._new_terms(ranges)
         for axis, sign in zip(self.moving, compared, strict=True):
             terms.excluded[states[self.group.states[axis]].atom] = sign
         controls = [
@@ -184,7 +184,7 @@ class Resting:
 
     # ------------------------------------------------------------ B, and how far ways get
 
-    def _require_no_growth(self) -> None:
+    def _require_nearing_zero(self) -> None:
         """NotRecheckedError where a state of B may get farther from 0."""
         for signs, rates in self.rates.items():
             for axis, sign in zip(self.moving, signs, strict=True):
@@ -193,7 +193,7 @@ class Resting:
                     name = self.model.facts.states[self.group.states[axis]].name
                     raise NotRecheckedError(f"P2a: SC does not certainly bring {name} nearer to 0")
 
-    def _slopes(self, way: int, sign: int) -> list[tuple[int, arb, arb]]:
+    def _growth_bounds(self, way: int, sign: int) -> list[tuple[int, arb, arb]]:
         """(y, c below 0, c above 0) for each state y whose c |y| bounds the way's growth."""
         found = []
         for k, axis in enumerate(self.moving):
@@ -212,24 +212,24 @@ class Resting:
                 found.append((axis, c[-1], c[1]))
         return found
 
-    def _safe_beyond(self, way: int, sign: int) -> bool:
+    def _is_safe_beyond(self, way: int, sign: int) -> bool:
         """Whether all beyond an end of a way is in C, wherever the other ways are."""
         facts = self.model.facts
         if has_no_ends(self.grid, way):
             return True  # its outer cells are in C with all that lies beyond
         at = {self.group.states[k]: r for k, r in zip(self.moving, self.box, strict=True)}
         for part in beyond_ends(self.grid.edges[way], low=sign < 0, high=sign > 0):
-            terms, states = self._terms({**at, self.group.states[way]: part})
+            terms, states = self._new_terms({**at, self.group.states[way]: part})
             held = [self.model.predicate(terms, states, facts.symbol.safe, errors=False)]
-            held += [self.model.in_set(terms, states, t) for t in bounded_topics(facts)]
+            held += [self.model.topic_in_set(terms, states, t) for t in bounded_topics(facts)]
             if not all_certain(terms, [*held, *terms.obligations]):
                 return False
         return True
 
     # ------------------------------------------------------------ cells
 
-    def unshown(self, block: Block) -> Iterator[Block]:
-        """Marked cells of a block from which a run may leave C."""
+    def cells_unshown(self, block: Block) -> Iterator[Block]:
+        """The marked cells of a block from which a run may leave C."""
         marked = self.marked[tuple(slice(a, b) for a, b in block)]
         for place in np.argwhere(marked):
             cell = tuple(
@@ -246,7 +246,7 @@ class Resting:
         for k, edges in enumerate(self.grid.edges):
             low, high = ends[k]
             if k in self.moving:
-                reached += [below(low.min(ZERO)), above(high.max(ZERO))]
+                reached += [lower(low.min(ZERO)), upper(high.max(ZERO))]
                 continue
             at = self.ways.index(k)
             for sign, start in ((-1, low), (1, high)):
@@ -256,7 +256,7 @@ class Resting:
                     if not self.beyond[at][sign > 0]:
                         return None
                     end = last
-                reached.append(below(end) if sign < 0 else above(end))
+                reached.append(lower(end) if sign < 0 else upper(end))
         return reached
 
     def _farthest_way(self, at: int, sign: int, ends: Sequence[Interval]) -> arb:
@@ -271,10 +271,10 @@ class Resting:
 def resting_cells_unshown(
     model: CaseModel, group: Axes, marked: NDArray[np.bool_], c: Cells
 ) -> partial[Iterator[Block]]:
-    """A function of a block: its marked cells that are not shown; NotRecheckedError as `Resting`.
+    """A function from a block to its marked cells that are not shown. `marked`: shaped as the grid.
 
-    `marked`: shaped as the grid. RejectedError where one of them is none of `c`.
+    RejectedError where one of them is not in `c`, NotRecheckedError as `Resting`.
     """
     if not (marked <= c.members).all():
         raise RejectedError("K has cells at rest on which `safe` is not certain")
-    return partial(Resting.unshown, Resting(model, group, marked, c))
+    return partial(Resting.cells_unshown, Resting(model, group, marked, c))

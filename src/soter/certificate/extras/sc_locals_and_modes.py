@@ -1,11 +1,11 @@
 """An SC with locals, with modes of other modules, or that steps before it can read a state.
 
-Purpose: `every_step` reads every step that SC may take, one combination of modes and values of its
-locals after the other; `any_alternative` makes a term for whatever one of several steps publishes.
-`check_start_answers` shows that SC's first steps publish values in their sets and cannot fault: on
-defaults, or, where not all that SC reads is published at once, on any values.
-Who decides the modes of other modules is no part of a certificate: a step of SC is read once for
-each combination of them, a predicate with each of them open.
+Purpose: `published_in_every_step` reads every step that SC may take, one combination of modes and
+values of its locals after the other; `any_alternative` makes a term for whatever one of several
+steps publishes. `check_start_answers` shows that SC's first steps publish values in their sets and
+cannot fault: on defaults, or, where not all that SC reads is published at once, on any values. Who
+decides the modes of other modules is no part of a certificate: a step of SC is read once for each
+combination of them, a predicate with each of them open.
 Non-goals: which of these values occur after which: any element of the set that every step keeps may
 be there at any step (docs/proof.md, "Setting"); that a step keeps it is an obligation of the step.
 What a module waits for (P2b is not claimed of one that waits); sharing code with
@@ -23,10 +23,10 @@ from typing import TYPE_CHECKING, Any
 
 from soter.certificate.reading.case_model import command_term, step_of_sc
 from soter.certificate.reading.module_facts import topics_read_by_sc
-from soter.certificate.reading.symbolic_values import value_of_leaves, whole
+from soter.certificate.reading.symbolic_values import symbolic_int, value_of_leaves
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.compile_terms import all_certain
-from soter.certificate.terms.linear_enclosures import HALF, ONE, ZERO, exact, key_of
+from soter.certificate.terms.linear_enclosures import HALF, ONE, ZERO, ball_key, exact
 from soter.certificate.terms.terms import Atom, Terms
 from soter.language.model import typed
 from soter.language.model.tree_walk import nodes
@@ -48,6 +48,9 @@ if TYPE_CHECKING:
 
 MODES_MAX = 4
 """SC may look at so many modules' modes: its step is read for every combination."""
+COMBINATIONS_MAX = 256
+WIDEST = 2**31
+"""Longer ranges than this are no bounded ints for us."""
 
 
 def modes_in(code: Sequence[object]) -> list[Key]:
@@ -58,8 +61,8 @@ def modes_in(code: Sequence[object]) -> list[Key]:
     return list(dict.fromkeys(modules))
 
 
-def every_mode(code: Sequence[object]) -> Iterator[dict[Key, int]]:
-    """Every combination of the modes that a step reads; one empty one where it reads none.
+def mode_combinations(code: Sequence[object]) -> Iterator[dict[Key, int]]:
+    """Every combination of the modes that a step reads; an empty one where it reads none.
 
     NotRecheckedError where there are too many.
     """
@@ -70,15 +73,15 @@ def every_mode(code: Sequence[object]) -> Iterator[dict[Key, int]]:
         yield dict(zip(keys, values, strict=True))
 
 
-def any_mode(terms: Terms, code: Sequence[object]) -> dict[Key, Any]:
-    """A new input for every mode that is read: 0 or 1, and nothing more is known of it."""
-    return {key: whole(terms.add_input("box", "mode", ZERO, ONE)) for key in modes_in(code)}
+def mode_inputs(terms: Terms, code: Sequence[object]) -> dict[Key, Any]:
+    """A new input, 0 or 1, for every mode that is read."""
+    return {key: symbolic_int(terms.add_input("box", "mode", ZERO, ONE)) for key in modes_in(code)}
 
 
 def require_modes_of_others(facts: Facts) -> None:
-    """`NotRecheckedError` where the module's own mode is read, an unknown one, or one in `safe`.
+    """`NotRecheckedError` for the module's own mode, an unknown one, or a mode in `safe`.
 
-    Asked where the module flies: symbols of a view, or of an abstraction, are others.
+    This is asked where the module flies: symbols of a view, or of an abstraction, are others.
     """
     flying, module = facts.flying, facts.flying_module
     sc = flying.components[module.sc]
@@ -109,28 +112,23 @@ def mode_assumptions(facts: Facts) -> Said:
         yield f"waits {name}", text
 
 
-COMBINATIONS_MAX = 256
-WIDEST = 2**31
-"""Longer ranges than this are no bounded ints for us."""
-
-
-def every_step(
+def published_in_every_step(
     terms: Terms,
     sc: typed.NodeSymbol,
     with_modes: Callable[[Any], Callable[[Any], dict[int, Any]]],
     claimed: Ranges,
 ) -> Iterator[dict[int, Any]]:
     """What each step of SC may publish; `with_modes`: a function of modes, then of its locals."""
-    for modes in every_mode(sc.step):
+    for modes in mode_combinations(sc.step):
         published = with_modes(modes)
-        for known_locals in local_values(terms, sc.locals, claimed):
+        for known_locals in combinations_of_locals(terms, sc.locals, claimed):
             yield published(known_locals)
 
 
-def local_values(
+def combinations_of_locals(
     terms: Terms, variables: Sequence[typed.Variable], claimed: Ranges
 ) -> Iterator[dict[typed.Variable, Any]]:
-    """Every combination of values; without locals the empty one. `claimed`: ranges of floats."""
+    """Every combination of values of locals, or an empty one; `claimed`: ranges of floats."""
     parts: list[Any] = [
         ends or of
         for v in variables
@@ -189,7 +187,7 @@ def _input_of_type(terms: Terms, of: Type | tuple[float, float]) -> Linear | Pro
         free = terms.add_input("box", "local", exact(0.0), exact(1.0))
         return terms.below_zero(terms.combine(((ONE, free),), exact(-0.5)))
     low, high = (of.low, of.high) if isinstance(of, IntType) else (0, _count_values(of) - 1)
-    return whole(terms.add_input("box", "local", exact(float(low)), exact(float(high))))
+    return symbolic_int(terms.add_input("box", "local", exact(float(low)), exact(float(high))))
 
 
 # ---------------------------------------------------------------- one of several
@@ -200,7 +198,7 @@ def any_alternative(terms: Terms, alternatives: Sequence[Linear]) -> Linear:
     shapes = _Shapes(terms)
     kept: dict[object, Linear] = {}
     for x in alternatives:
-        kept.setdefault(shapes.of(x), x)
+        kept.setdefault(shapes.key(x), x)
     different = list(kept.values())
     first = different[0]
     if len(different) == 1:
@@ -213,16 +211,16 @@ def any_alternative(terms: Terms, alternatives: Sequence[Linear]) -> Linear:
 
 
 def any_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
-    """The row of the first alternative, spread so far that it holds the others, too."""
-    count, ranges = (len(atom.arguments) + 1) // 2, [*map(forms.range_of, atom.arguments)]
+    """Row and range of any alternative: the first row, spread so far that it holds all others."""
+    count, ranges = (len(atom.arguments) + 1) // 2, [*map(forms.term_ends, atom.arguments)]
     row, constant, spread = forms.row(atom.arguments[0])
-    low, high = _hull(forms, [(forms.make.zero,) * 2, *ranges[count:]])
+    low, high = _hull_of_ends(forms, [(forms.make.zero,) * 2, *ranges[count:]])
     line = row, constant + (low + high) * HALF, spread + (high - low) * HALF
-    return line, _hull(forms, ranges[:count])
+    return line, _hull_of_ends(forms, ranges[:count])
 
 
-def _hull(forms: AffineForms, intervals: Sequence[Ends]) -> Ends:
-    """The ends of the smallest interval around all of them."""
+def _hull_of_ends(forms: AffineForms, intervals: Sequence[Ends]) -> Ends:
+    """The ends of the smallest interval around all intervals."""
     (low, high), *others = intervals
     for least, most in others:
         low, high = forms.make.apply("min", low, least), forms.make.apply("max", high, most)
@@ -232,7 +230,7 @@ def _hull(forms: AffineForms, intervals: Sequence[Ends]) -> Ends:
 class _Shapes:
     """Keys that are equal for terms built alike, over the same inputs: their enclosures are equal.
 
-    Two of them need not be the same number. One stands for both, as it encloses the same numbers.
+    Two such terms need not be one number; each can stand for both, enclosing the same numbers.
     """
 
     def __init__(self, terms: Terms) -> None:
@@ -241,34 +239,34 @@ class _Shapes:
         self._truths: dict[Proposition, int] = {}
         self._names: dict[object, int] = {}
 
-    def of(self, x: Linear) -> object:
+    def key(self, x: Linear) -> object:
         """The key of a term."""
-        parts = frozenset((self._atom(a), key_of(c)) for a, c in x.terms.items())
-        own = x.rounds and self.of(x.rounds)
-        return (key_of(x.const), key_of(x.radius), parts, x.nonnegative, own)
+        parts = frozenset((self._atom_key(a), ball_key(c)) for a, c in x.terms.items())
+        rounded = x.rounds and self.key(x.rounds)
+        return (ball_key(x.const), ball_key(x.radius), parts, x.nonnegative, rounded)
 
-    def _atom(self, index: int) -> int:
-        """A number for the shape of an atom."""
+    def _atom_key(self, index: int) -> int:
+        """A number that stands for the shape of an atom."""
         if index not in self._atoms:
             atom = self._terms.atoms[index]
             shape: object = index
             if atom.kind not in ("state", "box"):
                 shape = (
                     atom.kind,
-                    tuple(self.of(x) for x in atom.arguments),
+                    tuple(self.key(x) for x in atom.arguments),
                     None if atom.condition is None else self._truth_key(atom.condition),
-                    tuple(key_of(w) for w in atom.weights),
+                    tuple(ball_key(w) for w in atom.weights),
                     atom.values,
                     atom.shape,
-                    key_of(atom.extra),
-                    key_of(atom.share),
+                    ball_key(atom.extra),
+                    ball_key(atom.share),
                 )
             self._atoms[index] = self._names.setdefault(shape, len(self._names))
         return self._atoms[index]
 
     def _truth_key(self, x: Proposition) -> int:
         if x not in self._truths:
-            argument, parts = x.argument and self.of(x.argument), map(self._truth_key, x.parts)
+            argument, parts = (x.argument and self.key(x.argument), map(self._truth_key, x.parts))
             shape = (x.kind, tuple(parts), argument, x.value, x.strict)
             self._truths[x] = self._names.setdefault(shape, len(self._names))
         return self._truths[x]
@@ -280,9 +278,9 @@ class _Shapes:
 def check_start_answers(facts: Facts) -> None:
     """NotRecheckedError unless SC surely answers all that it may read before there are states.
 
-    SC reads only defaults while no topic shows a state, where one publisher says all of them each
+    SC reads only defaults while no topic shows a state, if one publisher writes all topics each
     time, and never before it has read a state itself. Otherwise a state of one topic may be read
-    beside the default of another, and so each is anything of its set.
+    beside the default of another, and so each may be any value of its set.
     """
     setting = facts.setting
     sc = facts.sc
@@ -306,17 +304,17 @@ def check_start_answers(facts: Facts) -> None:
 
 
 def is_step_harmless(facts: Facts, terms: Terms, known: dict[typed.TopicSymbol, Any]) -> bool:
-    """Whether a step of SC on these values surely publishes all it should, in its sets."""
+    """Whether a step of SC on these values surely publishes all outputs, in their sets."""
     sc = facts.sc
     assert sc.node is not None
-    published = step_of_sc(terms, sc, known, any_mode(terms, sc.node.step))({})
+    published = step_of_sc(terms, sc, known, mode_inputs(terms, sc.node.step))({})
     for control in facts.controls:
         command_term(terms, control, [published])
     return all_certain(terms, terms.obligations)
 
 
 def _any_value(terms: Terms, topic: Topic, *, default: bool) -> Any:  # noqa: ANN401  a Soter value
-    """Any value of the set of a topic; just its default where that is all there may be."""
+    """Any value of the set of a topic; with `default` its default alone."""
     bounded = all(
         b is not None and isinstance(of, FloatType)
         for (_, of), b in zip(leaves(topic.type), topic.bounds, strict=True)

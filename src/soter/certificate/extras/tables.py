@@ -1,6 +1,6 @@
 """Elements of arrays at an index that depends on inputs.
 
-Purpose: `select`, `row_values` and `select_from_table` make terms of such elements; `table_rule`
+Purpose: `element_at`, `row_values` and `element_of_table` make terms of such elements; `table_rule`
 and `range_of_table` enclose them: by whatever stands between the positions there may be.
 Non-goals: arrays at an index that is known (`reading/symbolic_reading.py`).
 """
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.certificate.reading.symbolic_operations import one_number
+from soter.certificate.reading.symbolic_operations import remembered_with_doubts
 from soter.certificate.reading.symbolic_values import NOT_HERE, Rows
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.linear_enclosures import HALF, ONE, exact
@@ -39,40 +39,40 @@ def row_values(make: Operations, rows: Rows) -> Value:
     if len({len(row) for row in rows.elements}) != 1:
         raise NotRecheckedError(f"such an array, indexed by an input, {NOT_HERE}")
     width = range(len(rows.elements[0]))
-    return tuple(select(make, [row[k] for row in rows.elements], rows.index) for k in width)
+    return tuple(element_at(make, [row[k] for row in rows.elements], rows.index) for k in width)
 
 
-@one_number
-def select(make: Operations, elements: Sequence[Value], index: Linear) -> Value:
-    """An element at an index that depends on inputs; NotRecheckedError for no numbers."""
+@remembered_with_doubts
+def element_at(make: Operations, elements: Sequence[Value], index: Linear) -> Value:
+    """The element at an index that depends on inputs; NotRecheckedError if they are no numbers."""
     first = elements[0]
     if isinstance(first, tuple) and all(type(x) in (float, int) for x in first):
         return Rows(elements, index)
     if isinstance(first, tuple):
         parts = range(len(first))
-        return tuple(select(make, [e[k] for e in elements], index) for k in parts)
+        return tuple(element_at(make, [e[k] for e in elements], index) for k in parts)
     if not all(type(e) in (float, int) for e in elements):
         raise NotRecheckedError(f"such an array, indexed by an input, {NOT_HERE}")
     values = [float(e) for e in elements]
-    return make.like(lookup(make.terms, values, (index,), (len(elements),)), first)
+    return make.int_if_any(table_term(make.terms, values, (index,), (len(elements),)), first)
 
 
-@one_number
-def select_from_table(make: Operations, rows: Rows, index: Value) -> Value:
-    """An element of a table with two indices; NotRecheckedError where rows differ in kind."""
+@remembered_with_doubts
+def element_of_table(make: Operations, rows: Rows, index: Value) -> Value:
+    """The element of a table with two indices; NotRecheckedError where rows differ in kind."""
     first = rows.elements[0]
     if len({len(row) for row in rows.elements}) != 1 or len({type(v) for v in first}) != 1:
         raise NotRecheckedError(f"such an array, indexed by an input, {NOT_HERE}")
     values = [float(v) for row in rows.elements for v in row]
     shape = (len(rows.elements), len(first))
-    indices = rows.index, make.finite(index)
-    return make.like(lookup(make.terms, values, indices, shape), first[0])
+    indices = rows.index, make.finite_term(index)
+    return make.int_if_any(table_term(make.terms, values, indices, shape), first[0])
 
 
-def lookup(
+def table_term(
     terms: Terms, values: Sequence[float], indices: Sequence[Linear], shape: Sequence[int]
 ) -> Linear:
-    """values[index, ..]; that the element exists becomes an obligation.
+    """The term values[index, ...]; that the element exists becomes an obligation.
 
     NotRecheckedError where a value is not finite.
     """
@@ -87,7 +87,7 @@ def lookup(
 
 
 def range_of_table(values: NDArray[np.float64], *ends: float) -> tuple[arb, arb]:
-    """The range of a table between positions, which are whole numbers.
+    """The range of a table's numbers at positions between `ends`, which are whole numbers.
 
     `values`: one number a cell, of the table's shape (n_1, ..., n_k); `ends`: low and high by axis.
     """
@@ -102,11 +102,11 @@ def range_of_table(values: NDArray[np.float64], *ends: float) -> tuple[arb, arb]
 
 
 def table_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
-    """Whatever stands between the least and the greatest position."""
+    """Row and range of an element: any number between the least and the greatest position."""
     make = forms.make
     values = make.constant(np.array(atom.values).reshape(atom.shape))
     positions: list[Value] = []
-    for low, high in (forms.range_of(x) for x in atom.arguments):
+    for low, high in (forms.term_ends(x) for x in atom.arguments):
         positions += [make.apply("below", low), make.apply("above", high)]
     low, high = make.apply_for_parts("range_of_table", 2, values, *positions)
     return ({}, (low + high) * HALF, (high - low) * HALF), (low, high)

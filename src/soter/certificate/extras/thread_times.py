@@ -1,9 +1,10 @@
 """Whether the trusted thread keeps the times that a module is held to, checked again: an extra.
 
-Purpose: DM, SC and nodes of Soter code run in one thread. `check_thread` shows, from the execution
-times and jitters that the flying system declares, that none of them begins or ends later there than
-a `TimingSetting` says; processes of their own are compared with what they say themselves. An
-induction, whose steps take no time, asks `delayed_in_thread` for a component that is late.
+Purpose: DM, SC and nodes of Soter code run in one thread. `check_thread_times` shows, from the
+execution times and jitters that the flying system declares, that none of them begins or ends later
+there than a `TimingSetting` says; processes of their own are compared with what they say
+themselves. An induction, whose steps take no time, asks `first_delayed_in_thread` for a component
+that is late.
 Non-goals: the times themselves (`module_times.py`), how they are derived (`derived_times.py`).
 
 Own derivation. The thread takes the releases of the calendar one after the other, those of one
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ThreadRelease:
-    """A release in the thread: whose, when, and when it begins and ends at the latest (ns)."""
+    """A release in the thread: its component, and when it begins and ends at the latest (ns)."""
 
     who: Component
     release: int
@@ -42,19 +43,19 @@ class ThreadRelease:
     ends: int
 
 
-def check_thread(
+def check_thread_times(
     system: System, module: Module, setting: TimingSetting, in_step: Iterable[str]
 ) -> str:
-    """DiffersError where a time of the setting does not hold in the thread; else what is assumed.
+    """Says what is assumed of the thread; DiffersError where a time does not hold in it.
 
-    Nothing is assumed where nobody in the thread says an execution time, or how late its release
-    may be. A time that is not said is counted as nothing: what does not hold even then is a miss.
-    `in_step`: nodes behind SC in its instant, by name. SC may begin when the DM's verdict may still
-    be due, which `starts_by` counts. NotRecheckedError where there are too many releases.
+    "" where nobody in the thread declares an execution time, or a jitter. Times that are not
+    declared count as zero: a time that does not hold even then is a miss. `in_step`: nodes behind
+    SC in its instant, by name. SC may begin when the DM's verdict may still be due, which
+    `latest_start` counts. NotRecheckedError where there are too many releases.
     """
     clocks = {c.name: c for c in _way_clocks(setting)}
     _check_processes(system, clocks, in_step)
-    thread = [c for c in system.components if _in_thread(c)]
+    thread = [c for c in system.components if _is_in_thread(c)]
     if all(c.wcet_ns is None and not c.jitter_ns for c in thread):
         return ""
     releases = _releases_of_thread(thread)
@@ -64,7 +65,7 @@ def check_thread(
         if t.ends > t.release + t.who.period_ns:
             raise DiffersError(f"`{t.who.name}` may not be done when it is released again")
         if t.who.index == sc.index:
-            _check_release(t, setting.starts_by(t.release), setting.sc.response)
+            _check_release(t, setting.latest_start(t.release), setting.sc.response)
         elif t.who.name in clocks:
             clock = clocks[t.who.name]
             _check_release(t, t.release + clock.late, clock.response)
@@ -78,21 +79,21 @@ def check_thread(
     )
 
 
-def delayed_in_thread(system: System, followed: Iterable[Component]) -> str:
+def first_delayed_in_thread(system: System, followed: Iterable[Component]) -> str:
     """The first component that may start or end after its release in the thread; "" if none may.
 
     DiffersError, NotRecheckedError where the thread has too much to do, or too many releases.
     """
-    thread = [c for c in system.components if _in_thread(c)]
-    own = {c.index for c in followed}
+    thread = [c for c in system.components if _is_in_thread(c)]
+    ids = {c.index for c in followed}
     apart = [c.name for c in followed if c not in thread and (c.jitter_ns or c.wcet_ns)]
     late = [
-        t.who.name for t in _releases_of_thread(thread) if t.who.index in own and t.ends > t.release
+        t.who.name for t in _releases_of_thread(thread) if t.who.index in ids and t.ends > t.release
     ]
     return next(iter([*apart, *late]), "")
 
 
-def _in_thread(c: Component) -> bool:
+def _is_in_thread(c: Component) -> bool:
     """Whether a component runs in the thread: Soter code, or an extern taken in (`inline`)."""
     if c.node is None:
         return c.role == "dm"
@@ -109,7 +110,7 @@ def _way_clocks(setting: TimingSetting) -> Iterable[Clock]:
 
 
 def _releases_of_thread(thread: list[Component]) -> list[ThreadRelease]:
-    """Every release until all have begun and two hyperperiods have gone by."""
+    """All releases until every component has begun and two hyperperiods have gone by."""
     hyper = lcm(*(c.period_ns for c in thread))
     work = sum(hyper // c.period_ns * (c.wcet_ns or 0) for c in thread)
     if work > hyper:
@@ -142,14 +143,14 @@ def _check_release(turn: ThreadRelease, start: int, response: int) -> None:
 
 
 def _check_processes(system: System, clocks: dict[str, Clock], in_step: Iterable[str]) -> None:
-    """DiffersError where a node in a process of its own says longer times than are counted with.
+    """DiffersError where a node with its own process declares longer times than are counted.
 
-    Of a node that is taken to run with SC none are.
+    For a node that is taken to run with SC no time is counted.
     """
     times = {name: (clock.late, clock.response) for name, clock in clocks.items()}
     for name, (late, response) in (times | dict.fromkeys(in_step, (0, 0))).items():
         c = system.component(name)
-        if not _in_thread(c) and (c.jitter_ns > late or (c.wcet_ns or 0) > response):
+        if not _is_in_thread(c) and (c.jitter_ns > late or (c.wcet_ns or 0) > response):
             raise DiffersError(f"`{name}` says itself that it may be later, or take longer")
 
 
@@ -158,12 +159,12 @@ def _require_end_behind_sc(
 ) -> None:
     """DiffersError where a node in the thread ends later than `response` ns after SC's begin."""
     for node in nodes:
-        if _in_thread(node) and _longest_behind_sc(releases, sc, node) > response:
+        if _is_in_thread(node) and _longest_behind_sc(releases, sc, node) > response:
             raise DiffersError(f"`{node.name}` may end later behind SC than its response says")
 
 
 def _longest_behind_sc(releases: list[ThreadRelease], sc: Component, node: Component) -> int:
-    """From the begin of SC to the end of a node behind it in the same instant, at most.
+    """The longest time from the begin of SC to the end of a node behind it in the same instant.
 
     The thread may wait in between for the release of one of them, no earlier than the instant.
     """

@@ -20,7 +20,7 @@ from soter.certificate.proof_methods import MODULES
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.folder import FREE, OF_SETS, Certificate
 from soter.certificate.reading.module_facts import bounded_topics
-from soter.certificate.rechecker import failure_reason, read_claimed, read_problem
+from soter.certificate.rechecker import read_claims, read_problem, reason_in_words
 from soter.certificate.report import RejectedError
 from soter.diagnostics.current_phase import telling
 from soter.diagnostics.diagnostic import SoterError
@@ -34,7 +34,7 @@ CELLS_TRIED, HOLDS_TRIED = 3, 2
 
 
 def why_not_recheckable(flat: System, entry: dict[str, Any], files: dict[str, bytes]) -> str:
-    """Why a module would not be re-checked; "": nothing stands in the way.
+    """Why a module would not be re-checked; "" if nothing stands in the way.
 
     `flat`: the system that has it, as it is proved; `entry`: the module in the manifest; `files`:
     those that it names.
@@ -48,32 +48,32 @@ def why_not_recheckable(flat: System, entry: dict[str, Any], files: dict[str, by
     except (RejectedError, SoterError) as error:
         return f"the re-checker finds something else: {error}"
     except Exception as error:  # noqa: BLE001 - as a re-check does
-        return failure_reason(error)
+        return reason_in_words(error)
     return ""
 
 
 def _try_sets(flat: System, entry: dict[str, Any], certificate: Certificate) -> None:
     facts = read_problem(flat, entry)
-    claimed, values = read_claimed(certificate, facts, entry), list(facts.cases())
+    claimed, values = read_claims(certificate, facts, entry), list(facts.cases())
     for k in sorted({0, len(values) - 1}):  # the first and the last
         groups = claimed.groups[k]
         ranges = narrowed_extents(facts.extents, [g.tables for g in groups])
         model = CaseModel(facts, values[k], ranges)
         case = CaseCheck(model, groups, set(), entry, 1)
         with telling(None):
-            case.check()
+            case.show_claims()
         for expr in filter(None, (facts.symbol.safe, facts.ttf, facts.symbol.safer)):
             terms, states = model.new_terms()
             model.predicate(terms, states, expr, errors=True)
         for topic in bounded_topics(facts):
             terms, states = model.new_terms()
-            model.in_set(terms, states, topic)
+            model.topic_in_set(terms, states, topic)
         for check in case.checks if claimed.claims & OF_SETS else ():
-            follow_few(check, claimed.claims)
+            follow_few_cells(check, claimed.claims)
 
 
-def follow_few(check: GridCheck, claims: set[str]) -> None:
-    """Follow SC, and any command, from a few cells of K, wherever that leads."""
+def follow_few_cells(check: GridCheck, claims: set[str]) -> None:
+    """Follows SC, and any command, from a few cells of K, wherever that leads."""
     everywhere = Cells(check.grid, np.ones(check.grid.shape, dtype=np.bool_))
     free = FreeCheck(check.model, check.tables, check.model.facts.times["H_ns"])
     cells = np.argwhere(check.kernel.members)
@@ -81,6 +81,6 @@ def follow_few(check: GridCheck, claims: set[str]) -> None:
     for cell in (tuple(map(int, cells[k])) for k in dict.fromkeys(map(int, places))):
         box = check.grid.box(tuple((i, i + 1) for i in cell))
         holds = min(int(check.tables.core[cell]), HOLDS_TRIED)
-        check.chains.leads(box, holds, everywhere, everywhere.contains, PIECES[0])
+        check.chains.leads_to(box, holds, everywhere, everywhere.contains, PIECES[0])
         if claims & FREE:
-            free.stays(box, everywhere, FREE_PIECES[0])
+            free.stays_in(box, everywhere, FREE_PIECES[0])

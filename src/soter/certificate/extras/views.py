@@ -3,8 +3,8 @@
 Purpose: `module_in_view` gives the module with those parts, `shown_part_of_enters` those of
 `enters`; `why_views_leave_out` says what no view of a certificate shows; `without_ages` is `ttf`
 without the parts that ask for an age.
-`abstracted_system` makes the system of an abstraction; it is checked that the module is the same
-there as in the system that flies, and reads what comes from the plants that are abstracted.
+`make_abstracted_system` makes the system of an abstraction; it is checked that the module is the
+same there as in the system that flies, and reads what comes from the plants that are abstracted.
 Non-goals: sharing code with `language/elaborate/views_for_proofs.py` and
 `verify/problem/supported_constructs.py`, which the prover goes by.
 
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 
 def module_in_view(module: Module, name: str) -> Module:
-    """The module with the parts that view `name` shows; `NotRecheckedError` where it has none."""
+    """The module with the parts that view `name` shows; `NotRecheckedError` for no such view."""
     symbol = module.symbol
     named = [v for v in symbol.verify.views if v.name == name]
     if len(named) != 1:
@@ -66,9 +66,9 @@ def module_in_view(module: Module, name: str) -> Module:
 def shown_part_of_enters(
     symbol: typed.ModuleSymbol, block: typed.TypedVerifyBlock
 ) -> typed.TypedExpr | None:
-    """The parts of `enters` that read only what the plants of a view drive; None: no `enters`.
+    """The parts of `enters` that read only topics which a view's plants drive; None: no `enters`.
 
-    All of `enters` implies it. True where no part reads these topics alone.
+    All of `enters` implies it. It is true where no part reads these topics alone.
     """
     if symbol.verify.enters is None:
         return None
@@ -91,13 +91,13 @@ def why_views_leave_out(symbol: typed.ModuleSymbol, views: Collection[str]) -> s
 
 
 def without_ages(ttf: typed.TypedExpr) -> typed.TypedExpr:
-    """`ttf` without the parts that read an age; unchanged if every part does.
+    """`ttf` without the parts that read an age; unchanged if every part reads one.
 
     "Not ttf" asks that every part be false: without some it is weaker, and more is shown.
     """
     parts = _required_parts(ttf, wanted=False)
     rest = [p for p in parts if not any(isinstance(n, typed.AgeRead) for n in nodes([p[0]]))]
-    return _joined("||", ttf.span, rest, wanted=False) if rest else ttf
+    return _join_parts("||", ttf.span, rest, wanted=False) if rest else ttf
 
 
 def _shown_topics(block: typed.TypedVerifyBlock) -> set[typed.TopicSymbol]:
@@ -115,15 +115,15 @@ def _required_parts(e: typed.TypedExpr, *, wanted: bool) -> Iterator[Part]:
     elif isinstance(e, typed.TypedBinary) and e.op == ("&&" if wanted else "||"):
         yield from _required_parts(e.left, wanted=wanted)
         yield from _required_parts(e.right, wanted=wanted)
-    elif isinstance(e, typed.TypedCall) and (body := _body(e)) is not None:
+    elif isinstance(e, typed.TypedCall) and (body := _returned_expression(e)) is not None:
         parts = list(_required_parts(body, wanted=wanted))
         yield from parts if len(parts) > 1 else [(e, wanted)]
     else:
         yield e, wanted
 
 
-def _body(call: typed.TypedCall) -> typed.TypedExpr | None:
-    """The expression that a function returns, arguments put in; None where it does more."""
+def _returned_expression(call: typed.TypedCall) -> typed.TypedExpr | None:
+    """The expression that a function returns, with its arguments; None if it does more."""
     steps = call.fun.body or ()
     only = steps[0] if len(steps) == 1 else None
     if not isinstance(only, typed.TypedReturn):
@@ -140,12 +140,12 @@ def _body(call: typed.TypedCall) -> typed.TypedExpr | None:
 def _shown_conjunction(
     e: typed.TypedExpr, shown: set[typed.TopicSymbol], *, wanted: bool
 ) -> typed.TypedExpr:
-    """The expression that all parts of `e` hold which are shown; true where there are none."""
-    own = [part for part in _required_parts(e, wanted=wanted) if _reads_only(part, shown)]
-    return _joined("&&", e.span, own, wanted=True)
+    """The conjunction of the shown parts of `e`; true where there are none."""
+    shown_parts = [part for part in _required_parts(e, wanted=wanted) if _reads_only(part, shown)]
+    return _join_parts("&&", e.span, shown_parts, wanted=True)
 
 
-def _joined(op: str, span: Span, parts: Sequence[Part], *, wanted: bool) -> typed.TypedExpr:
+def _join_parts(op: str, span: Span, parts: Sequence[Part], *, wanted: bool) -> typed.TypedExpr:
     """The parts joined by `op`; each as it is where its truth is `wanted`, else negated."""
     joined: typed.TypedExpr = typed.Literal(BOOL, span, value=op == "&&")
     for e, truth in parts:
@@ -160,10 +160,10 @@ def _negation(e: typed.TypedExpr) -> typed.TypedExpr:
 # ---------------------------------------------------------------- the system of the proof
 
 
-def abstracted_system(
+def make_abstracted_system(
     system: System, module: Module
 ) -> tuple[System, Module, tuple[Component, ...]]:
-    """The system to prove in, the module there, and its plants.
+    """Makes the system to prove in, the module there, and its plants.
 
     SoterError where a system of the module and its `abstracts` plants cannot be elaborated.
     """
@@ -179,7 +179,7 @@ def abstracted_system(
         span=symbol.span,
         default=False,
         instances=instances,
-        sets=_own_parameters(module, instances),
+        sets=_sets_for_plants(module, instances),
     )
     diagnostics = Diagnostics()
     around = {p.name: v for p, v in module.around.items()}
@@ -193,15 +193,15 @@ def abstracted_system(
     return flattened, flattened.modules[0], plants
 
 
-def _own_parameters(
+def _sets_for_plants(
     module: Module, instances: tuple[typed.InstanceSymbol, ...]
 ) -> tuple[typed.SetSymbol, ...]:
-    """The `set`s of the module's own parameters, repeated for each plant of its proof.
+    """The `set`s of the module's own parameters, for each plant of its proof.
 
     Its topics belong to the surrounding system, so they keep that system's parameters.
     """
-    own = [(p, v) for p, v in module.scope.params.items() if repr(module.around[p]) != repr(v)]
-    return tuple(typed.SetSymbol(i.name, p, v, i.span) for i in instances for p, v in own)
+    sets = [(p, v) for p, v in module.scope.params.items() if repr(module.around[p]) != repr(v)]
+    return tuple(typed.SetSymbol(i.name, p, v, i.span) for i in instances for p, v in sets)
 
 
 def _with_controllers(
@@ -212,19 +212,16 @@ def _with_controllers(
     return typed.ModuleSymbol(**{**vars(symbol), "ac": ac, "sc": sc})
 
 
-def flown(facts: Facts, name: str) -> Sequence[Any] | None:
-    """The states of a plant of the proof at the start of a run, by its map; None: not known."""
+def states_at_start(facts: Facts, name: str) -> Sequence[Any] | None:
+    """The states of an abstracting plant at the start of a run, by its map; None if unknown."""
     for link in facts.symbol.verify.abstracts:
         if link.name == name:
             return start_of_proof_plant(facts.flying, facts.flying_module, link)
     return None
 
 
-def check_same_as_flown(facts: Facts) -> None:
-    """Check that the system of the proof has the topics and periods of the running system.
-
-    NotRecheckedError where it has not.
-    """
+def require_same_as_flown(facts: Facts) -> None:
+    """NotRecheckedError unless the proof's system has the topics and periods of the flying one."""
     system, flying = facts.system, facts.flying
     module, running = facts.module, facts.flying_module
     pairs = [(module.scope, running.scope)]
@@ -254,11 +251,8 @@ def check_same_as_flown(facts: Facts) -> None:
         raise NotRecheckedError("the module has other outputs where it is proved")
 
 
-def check_abstracted_sensors(facts: Facts, topics: set[int]) -> None:
-    """Check that each topic comes from the plant whose abstraction drives it.
-
-    DiffersError where one does not.
-    """
+def require_abstracted_sensors(facts: Facts, topics: set[int]) -> None:
+    """DiffersError unless each topic comes from the plant whose abstraction drives it."""
     outer = holder_of(facts.flying_module)
     driven = driven_topics(facts)
     for index in topics:
@@ -271,7 +265,7 @@ def check_abstracted_sensors(facts: Facts, topics: set[int]) -> None:
             raise DiffersError(f"`{name}` is said to show `{real}`, which is not behind it")
 
 
-def abstraction_conforms(facts: Facts) -> Said:
+def conformance_assumptions(facts: Facts) -> Said:
     """The assumptions that the vehicle behaves like the plants that abstract it."""
     for link in facts.symbol.verify.abstracts:
         known = start_of_proof_plant(facts.flying, facts.flying_module, link) is not None
@@ -280,8 +274,8 @@ def abstraction_conforms(facts: Facts) -> Said:
         yield f"conforms {link.instance} {link.name}", text
 
 
-def judged_as_driven(facts: Facts) -> Said:
-    """Topics of `safe` that plants of the proof drive, and that no other part of it reads."""
+def assumptions_on_topics_of_safe(facts: Facts) -> Said:
+    """The assumptions on topics that `safe` alone reads and that plants of the proof drive."""
     read = {i for of in topics_read(facts) for i in of}
     driven = driven_topics(facts)
     for symbol in topic_reads(facts.symbol.safe):

@@ -1,9 +1,9 @@
 """The forms that a chain hands from hold to hold, taken apart and put together again.
 
 Purpose: a *form* is a flat tuple of numbers that describes a set of states and the commands that
-still act (`terms/compile_terms.py`). `FormLayout.open` makes of it the rows z of a hold (the head
-of `flow_chains.py` says what z is), `FormLayout.close` the form at the end of that hold. Between
-the two `StateRows` and `CommandRows` are states and commands as rows over z.
+still act (`terms/compile_terms.py`). `FormLayout.take_apart` makes of it the rows z of a hold (the
+head of `flow_chains.py` says what z is), `FormLayout.put_together` the form at the end of that
+hold. Between the two `StateRows` and `CommandRows` are states and commands as rows over z.
 Non-goals: what happens in a hold (`flow_chains.py`).
 """
 
@@ -41,13 +41,13 @@ class OpenedForm:
     """For each old command its coefficients on the betas of the states."""
 
     def rows(self, first: int, count: int) -> Rows:
-        """Rows that pick entries of z."""
+        """Rows over z that pick `count` of its entries, from `first` on."""
         return unit_rows(count, width=len(self.z), first=first)
 
 
 @dataclass(eq=False)
 class StateRows:
-    """The states at an instant of a hold: a row over z, how far off it (`rest`), a range each."""
+    """The states at an instant of a hold: rows over z, distances from these (`rest`), ranges."""
 
     rows: Rows
     rest: list[Any]
@@ -56,7 +56,7 @@ class StateRows:
 
 @dataclass(eq=False)
 class CommandRows:
-    """Commands: rows over z, ranges, and how far off its row each may be, anew at any time."""
+    """Commands: rows over z, ranges, and how far off its row each may be at any time."""
 
     rows: Rows
     ranges: list[Interval]
@@ -65,19 +65,19 @@ class CommandRows:
 
 @dataclass(frozen=True)
 class FormLayout:
-    """The places of a form's numbers: of `n` states, of the `depth` latest of `q` commands."""
+    """The places of the numbers in a form of `n` states and the `depth` latest of `q` commands."""
 
     n: int
     q: int
     depth: int
 
-    def length(self, *, fresh: bool) -> int:
-        """How many numbers a form has; `fresh`: one without commands."""
+    def form_length(self, *, fresh: bool) -> int:
+        """How many numbers a form has; `fresh`: a form of states alone, without commands."""
         n, memories = self.n, 0 if fresh else self.depth * self.q
         return (4 + n) * (n + memories) + n * memories
 
-    def open(self, form: Form, before: list[Interval] | None) -> OpenedForm:
-        """The form as rows z; `before`: ranges of the old commands, where the form has none."""
+    def take_apart(self, form: Form, before: list[Interval] | None) -> OpenedForm:
+        """Takes a form apart; `before`: ranges of old commands, where the form has no commands."""
         n, q = self.n, self.q
         count = n + self.depth * q
         boxes = n if before is not None else count
@@ -98,11 +98,11 @@ class FormLayout:
         return OpenedForm([*ranges, *(before or ())], z, list(map(list, common)))
 
     def states_at_begin(self, start: OpenedForm) -> StateRows:
-        """The states at the beginning."""
+        """The states at the beginning of a hold, as entries of z."""
         return StateRows(start.rows(0, self.n), [ZERO] * self.n, list(start.ranges[: self.n]))
 
-    def close(self, start: OpenedForm, way: StateRows, new: CommandRows) -> Form:
-        """The form at the end of a hold, of its states `way` then and its command `new`."""
+    def put_together(self, start: OpenedForm, way: StateRows, new: CommandRows) -> Form:
+        """Makes the form at the end of a hold, from its states `way` then and its command `new`."""
         n, old = self.n, (self.depth - 1) * self.q
         spread, turned = product(way.rows, start.z), self._on_old_betas(start, way.rows)
         lines = [
@@ -115,8 +115,8 @@ class FormLayout:
             answers = self._on_old_betas(start, new.rows)
             commands = zip(product(new.rows, start.z), answers, strict=True)
             kept = zip(start.z[n : n + old], start.memories[:old], strict=True)
-            for values, own in (*commands, *kept):
-                line, a = self._on_new_betas(values, own, turned, spread, way)
+            for values, betas in (*commands, *kept):
+                line, a = self._on_new_betas(values, betas, turned, spread, way)
                 lines.append(line)
                 common.append(a)
         return (
@@ -128,25 +128,25 @@ class FormLayout:
         )
 
     def _on_old_betas(self, start: OpenedForm, rows: Rows) -> Rows:
-        """The coefficients of rows on the states' old betas, also through commands that share them.
+        """The coefficients of rows on the states' old betas, also those by way of old commands.
 
-        Nothing rests on it: it only makes `a` (`_on_new_betas`) a good one.
+        No claim rests on them: they only make `a` in `_on_new_betas` a good choice.
         """
         shared = [*unit_rows(self.n), *start.memories]
         return product([row[: len(shared)] for row in rows], shared)
 
     def _on_new_betas(
-        self, values: Sequence[Any], own: Sequence[Any], turned: Rows, spread: Rows, way: StateRows
+        self, values: Sequence[Any], old: Sequence[Any], turned: Rows, spread: Rows, way: StateRows
     ) -> tuple[list[Any], list[Any]]:
-        """A command over the betas of the new states: its line, its coefficients on them.
+        """A command over the betas of the new states: its line, and its coefficients on them.
 
-        With old betas B beta: states R B beta + noise, command S B beta + rest; S in `own`, R in
-        `turned`. For any row a it is a (states) + (S - a R) B beta - a noise + rest. The one that
-        is taken, a = S (2 - R), is nearly S R^-1.
+        With old betas B beta: states R B beta + noise, command S B beta + rest; S in `old`, R in
+        `turned`. For any row a the command is a (states) + (S - a R) B beta - a noise + rest. The
+        row that is taken here, a = S (2 - R), is nearly S R^-1.
         """
         n = self.n
         a = [
-            apply_operation("mid", 2 * own[i] - dot(own, [row[i] for row in turned]))
+            apply_operation("mid", 2 * old[i] - dot(old, [row[i] for row in turned]))
             for i in range(n)
         ]
         rest = sum_of_sizes(a, way.rest)
@@ -162,8 +162,8 @@ def absolute_sum(row: Sequence[Any]) -> Any:  # noqa: ANN401  a ball or a value
     return total(map(abs, row))
 
 
-def hull_of(intervals: Sequence[Interval]) -> Interval:
-    """The smallest interval around all of them."""
+def interval_hull(intervals: Sequence[Interval]) -> Interval:
+    """The smallest interval around all intervals."""
     low, high = intervals[0]
     for a, b in intervals[1:]:
         low, high = apply_operation("min", low, a), apply_operation("max", high, b)

@@ -1,6 +1,6 @@
 """How a flow leads a form over one hold of SC, or over a span of any commands.
 
-Purpose: `FlowChain` computes what `sc_chains.Chain` and `free_phase` consist of. A *hold* lasts
+Purpose: `FlowChain` computes what `sc_chains.Chain` and `phase_steps` consist of. A *hold* lasts
 from the instant at which a command of SC acts to that of the next one; a *form* describes all
 states of a group at an instant (`terms/compile_terms.py`). A flow is enclosed step by step
 (`flow_enclosures.py`), in balls; or as values of a program, of a flow that is the same everywhere.
@@ -38,10 +38,10 @@ from soter.certificate.grid.chain_form_layout import (
     OpenedForm,
     StateRows,
     absolute_sum,
-    hull_of,
+    interval_hull,
 )
-from soter.certificate.grid.flow_enclosures import domain_of
-from soter.certificate.reading.case_model import boxes_of
+from soter.certificate.grid.flow_enclosures import input_domains
+from soter.certificate.reading.case_model import other_ends
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.compile_terms import TAIL, compile_lines
 from soter.certificate.terms.linear_enclosures import HALF, ONE, ZERO, exact
@@ -50,7 +50,7 @@ from soter.certificate.terms.straight_line import (
     NotCertainError,
     apply_operation,
     dot,
-    grown,
+    growth,
     plus_scaled,
     product,
     side_by_side,
@@ -119,69 +119,70 @@ class FlowChain:
         self.layout = FormLayout(self.n, self.q, self.depth)
         self.behind = [exact(max(NOW, reach - k * self.delta)) for k in range(1, self.depth + 1)]
         """For k = 1, 2, ...: how long, from the sample on, others than the k latest may act."""
-        self.least_pieces = flow.steps(self.delta)
+        self.least_pieces = flow.least_steps(self.delta)
 
     @property
-    def sampled_apart(self) -> bool:
-        """Whether a sample may be another state than that at the beginning of a hold."""
+    def may_sample_elsewhere(self) -> bool:
+        """Whether SC's sample may be another state than the one at the beginning of a hold."""
         return self.depth > 0 or self.times.anew
 
     @cached_property
-    def law(self) -> tuple[Function, list[Interval]]:
-        """A function from a form of the sample to the rows of SC's commands, and its domain.
+    def sc_function(self) -> tuple[Function, list[Interval]]:
+        """SC's step: a function from a form of the sample to rows of the commands, and its domain.
 
-        What is not known of the sample is noise. Beside a limit of SC's a line over what is known
+        What is unknown of the sample is noise. Beside a limit of SC's a line over the known part
         stays within the limit; a line over both went beyond it by its slope times the noise.
         """
         model, members = self.model, self.members
         terms, states = model.new_terms()
-        commands = model.commands(terms, states)
-        own = [states[i].atom for i in members]
-        outputs, boxes = [commands[k] for k in self.flow.moves], boxes_of(model, states, members)
-        must, noisy = terms.obligations, self.sampled_apart
-        rows = compile_lines(terms, own, self.n, outputs, must, boxes, noisy=noisy)
-        return rows, domain_of(terms, own)
+        commands = model.sc_commands(terms, states)
+        atoms = [states[i].atom for i in members]
+        outputs = [commands[k] for k in self.flow.moves]
+        boxes = other_ends(model, states, members)
+        must, noisy = terms.obligations, self.may_sample_elsewhere
+        rows = compile_lines(terms, atoms, self.n, outputs, must, boxes, noisy=noisy)
+        return rows, input_domains(terms, atoms)
 
     # ------------------------------------------------------------ steps of a chain
 
-    def first(self, pieces: int, form: Form) -> Image:
-        """The first hold, from a_0 to delta - e: the form then, and the boxes on the way."""
+    def first_hold(self, pieces: int, form: Form) -> Image:
+        """Leads a form over the first hold, from a_0 to delta - e: the form then, and the boxes."""
         before = self.flow.ranges * self.depth  # anything
-        return self._hold_image(self.layout.open(form, before), pieces, fresh=True)
+        return self._hold_image(self.layout.take_apart(form, before), pieces, fresh=True)
 
-    def later(self, pieces: int, form: Form) -> Image:
+    def later_hold(self, pieces: int, form: Form) -> Image:
         """A later hold, from k delta - e to (k + 1) delta - e: as `first`."""
-        return self._hold_image(self.layout.open(form, None), pieces, fresh=False)
+        return self._hold_image(self.layout.take_apart(form, None), pieces, fresh=False)
 
-    def last(self, pieces: int, form: Form) -> Image:
-        """The boxes over [0, e + l] after N delta - e, while the latest command still acts."""
-        start = self.layout.open(form, None)
+    def last_switch(self, pieces: int, form: Form) -> Image:
+        """The boxes over [0, e + l] after N delta - e, while the latest command may still act."""
+        start = self.layout.take_apart(form, None)
         return (), self._follow(
             start, self._acting_command(start), [(self.span / pieces, NOW)] * pieces
         )[1]
 
-    def free(self, time: Fraction, pieces: int, form: Form) -> Image:
-        """A free phase: the boxes over [0, time] s under any commands."""
-        start = self.layout.open(form, self.flow.ranges * self.depth)
+    def free_boxes(self, time: Fraction, pieces: int, form: Form) -> Image:
+        """The boxes over [0, time] s under any commands."""
+        start = self.layout.take_apart(form, self.flow.ranges * self.depth)
         spans = [(time / pieces, NOW)] * (pieces if time else 0)
         return (), self._follow(start, self._any_commands(start), spans)[1]
 
     def _hold_image(self, start: OpenedForm, pieces: int, *, fresh: bool) -> Image:
-        """A hold: the command that SC answers, where it leads, and the boxes on the way.
+        """Leads a form over a hold: the form at its end, and the boxes on the way.
 
-        Claimed is of every run whose states at the begin are of the form: it is in the boxes all
-        the time, and at the end in the form that is given back. The sample is the state of an
-        instant, which `_sampled_states` encloses; SC's step on it is a row over the sample, and
-        what it may be off that row an unknown of z, one number for the hold, as one command acts.
-        On the box of `flow.enclose`, which no run leaves during a step, the rate is A x + B u + c
-        and noise, so that states after it are rows of the solution of that, noise counted for as
-        long as it acts (`_step`). Until `early` the old command may act, which `_handover` adds.
+        The claim: every run whose states at the beginning are of the form is in the boxes all the
+        time, and at the end in the form that is given back. The sample is the state of an instant,
+        which `_sampled_states` encloses; SC's step on it is a row over the sample, and what it may
+        be off that row an unknown of z, one number for the hold, as one command acts. On the box of
+        `flow.enclose`, which no run leaves during a step, the rate is A x + B u + c and noise, so
+        that states after it are rows of the solution of that, noise counted for as long as it acts
+        (`_step`). Until `early` the old command may act, which `_handover` adds.
         """
         new = self._answer_of_sc(start, fresh=fresh)
-        way, boxes = self._follow(start, new, self.spans(pieces * self.least_pieces, fresh=fresh))
-        return self.layout.close(start, way, new), boxes
+        way, boxes = self._follow(start, new, self.steps(pieces * self.least_pieces, fresh=fresh))
+        return self.layout.put_together(start, way, new), boxes
 
-    def spans(self, count: int, *, fresh: bool) -> list[tuple[Fraction, Fraction]]:
+    def steps(self, count: int, *, fresh: bool) -> list[tuple[Fraction, Fraction]]:
         """The steps of a hold: how long each is in s, and for how long the old command may act."""
         early = NOW if fresh else self.span
         whole = self.delta - self.times.early if fresh else self.delta
@@ -192,12 +193,12 @@ class FlowChain:
         return [*handed, *[(rest / count, NOW)] * (count if rest else 0)]
 
     def _acting_command(self, start: OpenedForm) -> CommandRows:
-        """The command that acts already when the hold begins."""
+        """The command that already acts when the hold begins."""
         n, q = self.n, self.q
         return CommandRows(start.rows(n, q), start.ranges[n : n + q])
 
     def _any_commands(self, start: OpenedForm) -> CommandRows:
-        """Any commands: the middles of their sets, and what they may be off these."""
+        """Any commands at any time: rows for the middles of their sets, and radii around these."""
         rows = start.rows(0, self.q)
         for row, (low, high) in zip(rows, self.flow.ranges, strict=True):
             row[:] = [*[ZERO] * (len(row) - 1), (low + high) * HALF]
@@ -209,8 +210,8 @@ class FlowChain:
     def _answer_of_sc(self, start: OpenedForm, *, fresh: bool) -> CommandRows:
         """The commands that answer the sample; their unknowns are entered into `start.z`.
 
-        There are none where every instant has its own answer: the command's distance from its row
-        then differs at each instant.
+        There are no unknowns where each instant has an answer of its own: then the command's
+        distance from its row differs from instant to instant.
         """
         n, q = self.n, self.q
         sample = self._sampled_states(start, fresh=fresh)
@@ -219,8 +220,8 @@ class FlowChain:
         form += [row[0] for row in values]
         form += [x for row in values for x in row[1 : 1 + n]]
         form += [absolute_sum(row[1 + n :]) for row in values]
-        form += sample.rest if self.sampled_apart else []  # else nothing is off the rows
-        law, domain = self.law
+        form += sample.rest if self.may_sample_elsewhere else []  # else nothing is off the rows
+        law, domain = self.sc_function
         for interval, most in zip(sample.box, domain, strict=True):
             apply_operation(DEMAND, apply_operation("inside", *interval, *most))
         lines = law(tuple(form))
@@ -241,10 +242,10 @@ class FlowChain:
         return CommandRows(rows, ranges, radii)
 
     def _sampled_states(self, start: OpenedForm, *, fresh: bool) -> StateRows:
-        """The states when the sample was taken; the first one was before a_0.
+        """The states when the sample was taken; the first sample was taken before a_0.
 
-        A read is never younger than the first component that answers it. So of a later sample the
-        latest old command acts from k delta - e on until a_k.
+        A read is never younger than the first component that answers it: when a later sample was
+        taken, the latest old command acted from k delta - e on until a_k.
         """
         way = self.layout.states_at_begin(start)
         if self.times.anew:
@@ -261,7 +262,7 @@ class FlowChain:
             else (self._acting_command(start), self._gap_sums(start))
         )
         n, q = self.n, self.q
-        ranges = [hull_of(start.ranges[n + k :: q][: self.depth]) for k in range(q)]
+        ranges = [interval_hull(start.ranges[n + k :: q][: self.depth]) for k in range(q)]
         return self._states_in_span(start, (begin, end), acting, ranges, others)
 
     def _states_in_span(
@@ -272,9 +273,9 @@ class FlowChain:
         ranges: Sequence[Interval],
         others: Sequence[Any],
     ) -> StateRows:
-        """The states at some instant of a span while `acting` acts, or others within `ranges`.
+        """The states at some instant of a span while `acting`, or others within `ranges`, act.
 
-        `others`: the integrals of what these differ from it.
+        `others`: the integrals of the differences between these and `acting`.
         """
         n, flow, way = self.n, self.flow, self.layout.states_at_begin(start)
         begin, end = span
@@ -320,10 +321,10 @@ class FlowChain:
     def _share_ages(
         self, start: OpenedForm, rows: Rows, rates: Rows, span: tuple[Fraction, Fraction]
     ) -> None:
-        """Enter what states of one instant of a span share, where something is known of that."""
+        """Enters what states of one instant of a span share; here nothing is known of that."""
 
     def _gap_sums(self, start: OpenedForm) -> list[Any]:
-        """For each command the integral, back to the sample, of what older ones differ from it."""
+        """For each command the integral, back to the sample, of its distance from older ones."""
         n, q = self.n, self.q
         integrals = []
         for k in range(q):
@@ -341,7 +342,7 @@ class FlowChain:
 
     @staticmethod
     def _largest_difference(start: OpenedForm, one: int, other: int) -> Any:  # noqa: ANN401  a ball or a value
-        """By how much two old commands differ at most."""
+        """The largest difference of two old commands."""
         apart = absolute_sum([x - y for x, y in zip(start.z[one], start.z[other], strict=True)])
         return apply_operation("min", apart, _greatest_gap(start.ranges[one], start.ranges[other]))
 
@@ -350,7 +351,7 @@ class FlowChain:
     def _follow(
         self, start: OpenedForm, new: CommandRows, spans: Sequence[tuple[Fraction, Fraction]]
     ) -> tuple[StateRows, Boxes]:
-        """The states after these steps under the commands `new`, and the boxes on the way."""
+        """Leads states over steps under the commands `new`: states then, boxes on the way."""
         way, boxes = self.layout.states_at_begin(start), []
         for span, early in spans:
             way, tube = self._step(start, way, new, span, early)
@@ -365,11 +366,11 @@ class FlowChain:
         span: Fraction,
         early: Fraction,
     ) -> tuple[StateRows, Boxes]:
-        """The states `span` later, and the box between; up to `early` the old commands may act."""
+        """The states `span` later, and the box between; until `early` old commands may act."""
         ranges = new.ranges
         if early:
             old = self._acting_command(start)
-            ranges = [hull_of(pair) for pair in zip(new.ranges, old.ranges, strict=True)]
+            ranges = [interval_hull(pair) for pair in zip(new.ranges, old.ranges, strict=True)]
         flow, local = self.flow, self.flow.enclose(way.box, ranges, NOW, span)
         law = flow.solution_over(local, span)
         rows = product(side_by_side(law.state, law.control), [*way.rows, *new.rows])
@@ -389,16 +390,16 @@ class FlowChain:
     def _tightened_ranges(
         before: Boxes, after: Boxes, local: Enclosure, span: Fraction
     ) -> list[Interval]:
-        """Ranges after a step, also from those before it: beside a limit of SC they say more."""
+        """The ranges after a step, narrowed by those before: these say more beside a limit."""
         box = []
         for i, (low, high) in enumerate(before):
-            own = local.a[i][i]
-            law = own, local.others[i], grown(own, exact(span))
+            factor = local.a[i][i]
+            law = factor, local.others[i], growth(factor, exact(span))
             box.append(apply_operation("range_after", low, high, *after[i], *law, parts=2))
         return box
 
     def _with_ranges(self, start: OpenedForm, way: StateRows, local: Enclosure) -> StateRows:
-        """The states with new ranges, from their rows; a state whose rate is 0 keeps its range."""
+        """The states with ranges from their rows; a state whose rate is 0 keeps its range."""
         box = []
         for i, row in enumerate(product(way.rows, start.z)):
             radius = absolute_sum(row[1:]) + way.rest[i]
@@ -406,13 +407,13 @@ class FlowChain:
         return StateRows(way.rows, way.rest, self.flow.end_ranges(box, local))
 
     def _tube(self, way: StateRows, after: StateRows, local: Enclosure, span: Fraction) -> Boxes:
-        """The box of the states between two instants: low, high, low, ..., rounded outwards."""
+        """The box of the states between two instants, as low, high, low, ..., rounded outwards."""
         tube = []
         for i, rates in enumerate(local.rates):
-            own = local.a[i][i]
-            law = *rates, own, local.others[i], exact(span), grown(own, exact(span))
+            factor = local.a[i][i]
+            law = (*rates, factor, local.others[i], exact(span), growth(factor, exact(span)))
             tube.append(apply_operation("range_between", *way.box[i], *after.box[i], *law, parts=2))
-        ends = [end for interval in self.flow.clip(tube) for end in interval]
+        ends = [end for interval in self.flow.clip_at_kept_ends(tube) for end in interval]
         return [apply_operation(name, end) for name, end in zip(cycle(("below", "above")), ends)]
 
     def _handover(
@@ -423,7 +424,7 @@ class FlowChain:
         new: CommandRows,
         early: Fraction,
     ) -> tuple[Rows, list[Any]]:
-        """The old command acts until some t <= early: it adds E (old - new), rows and noise.
+        """What the old command adds, acting until some t <= early: E (old - new), rows and noise.
 
         E is the integral of e^{A(h - s)} B over [0, t], e^{Ah} times that of e^{-As}, times B.
         """
@@ -443,15 +444,15 @@ class FlowChain:
 
 
 def _greatest_gap(a: Interval, b: Interval) -> Any:  # noqa: ANN401  a ball or a value
-    """By how much numbers of two intervals differ at most."""
+    """The greatest difference between numbers of two intervals."""
     return apply_operation("max", apply_operation("max", a[1] - b[0], b[1] - a[0]), ZERO)
 
 
 def _recentre_row(row: list[Any], spread: Any, within: Interval, z: Rows) -> Any:  # noqa: ANN401
-    """Move the constant of a number's row to make its greatest error least; returns that error.
+    """Moves the constant of a number's row so that its greatest error is least; gives that error.
 
-    It follows from the spread, from the constant's radius, and from the interval that the number
-    lies in, which says more beside a limit: rows touch it.
+    It follows from the spread, from the constant's radius, and from the interval of the number,
+    which says more beside a limit: rows touch it.
     """
     constant = apply_operation("mid", row[-1])
     spread += apply_operation("magnitude", row[-1] - constant)

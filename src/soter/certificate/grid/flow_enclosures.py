@@ -33,7 +33,7 @@ from typing import TYPE_CHECKING, Any
 
 from flint import arb
 
-from soter.certificate.reading.case_model import boxes_of, control_inputs
+from soter.certificate.reading.case_model import control_inputs, other_ends
 from soter.certificate.reading.linear_flows import LinearFlow, Solution, integrals, scaled_row_sum
 from soter.certificate.terms.compile_terms import TAIL, compile_lines
 from soter.certificate.terms.linear_enclosures import (
@@ -58,7 +58,7 @@ from soter.certificate.terms.straight_line import (
     total,
     unit_rows,
 )
-from soter.certificate.terms.terms import Proposition, inputs_of
+from soter.certificate.terms.terms import Proposition, input_atoms
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -109,8 +109,8 @@ class KeptEnds:
         self.grid = [(exact(low), exact(high)) for low, high in (model.extents[i] for i in members)]
         self.kept = list(kept) or [(False, False)] * self.n
 
-    def clip(self, box: Sequence[Interval]) -> list[Interval]:
-        """A box without what lies beyond ends that no run crosses."""
+    def clip_at_kept_ends(self, box: Sequence[Interval]) -> list[Interval]:
+        """The part of a box that lies within those ends that no run crosses."""
         return [
             (
                 apply_operation("max", low, least) if first else low,
@@ -145,9 +145,9 @@ class SolvedFlow(KeptEnds):
         self.flow = replace(flow, b=felt, ranges=tuple(self.ranges))
         self.disturbed = [total(map(abs, row)) for row in flow.noise]
         self._solution = lru_cache(maxsize=None)(self.flow.solution)
-        self._added = lru_cache(maxsize=None)(self._added_within)
+        self._added = lru_cache(maxsize=None)(self._noise_and_gains)
 
-    def steps(self, span: Fraction) -> int:
+    def least_steps(self, span: Fraction) -> int:
         """Into how many steps a span is cut at least: one."""
         del span
         return 1
@@ -157,9 +157,9 @@ class SolvedFlow(KeptEnds):
     ) -> Enclosure:
         """The enclosure over [start, end], start <= 0 <= end: x + (E - 1) x + F u + c +- noise.
 
-        Commands may change at any time within their ranges: what they differ from the middle counts
-        as noise. Before the box noise is large, and rates may say more: in what is met they are
-        bounded, and a state has not changed by more than these times the span.
+        Commands may change at any time within their ranges: their distance from the middle counts
+        as noise. Before the time of the box noise is large, and rates may say more: in the box that
+        is met they are bounded, and a state has not changed by more than these times the span.
         """
         flow, law = self.flow, self._solution(start, end)
         hulls = [apply_operation("union", *ends) for ends in box]
@@ -176,8 +176,8 @@ class SolvedFlow(KeptEnds):
             met.append(
                 (apply_operation("min", low, ends[0]), apply_operation("max", high, ends[1]))
             )
-        met = self.clip(met)
-        rates, others = self._rates(met, commands)
+        met = self.clip_at_kept_ends(met)
+        rates, others = self._rates_in_box(met, commands)
         for _ in range(NEARER if start < 0 else 0):
             near = []
             for (low, high), (least, most), rate in zip(box, met, rates, strict=True):
@@ -190,14 +190,14 @@ class SolvedFlow(KeptEnds):
                     (apply_operation("max", least, first), apply_operation("min", most, last))
                 )
             met = near
-            rates, others = self._rates(met, commands)
+            rates, others = self._rates_in_box(met, commands)
         pairs = [(x, x) for x in rates]
         return Enclosure(met, flow.a, flow.b, flow.constant, self.disturbed, pairs, others)
 
-    def _rates(
+    def _rates_in_box(
         self, met: Sequence[Interval], commands: Sequence[Interval]
     ) -> tuple[list[Any], list[Any]]:
-        """The rate of each state in a box, and what that is without a_ii x_i."""
+        """The rate of each state in a box, and that rate without a_ii x_i."""
         flow, rates, others = self.flow, [], []
         held = [apply_operation("union", *ends) for ends in (*met, *commands)]
         for i, row in enumerate(side_by_side(flow.a, flow.b)):
@@ -206,20 +206,20 @@ class SolvedFlow(KeptEnds):
             rates.append(row[i] * held[i] + others[i])
         return rates, others
 
-    def _added_within(self, start: Fraction, end: Fraction) -> tuple[list[arb], Rows]:
+    def _noise_and_gains(self, start: Fraction, end: Fraction) -> tuple[list[arb], Rows]:
         """Bounds on what disturbances add to a state, and on what each command in [-1, 1] adds."""
         flow, columns = self.flow, range(len(self.moves))
-        gains = [flow.added([[row[k]] for row in flow.b], start, end) for k in columns]
+        gains = [flow.noise_bounds([[row[k]] for row in flow.b], start, end) for k in columns]
         rows = [[gain[i] for gain in gains] for i in range(self.n)]
-        return flow.added(flow.noise, start, end), rows
+        return flow.noise_bounds(flow.noise, start, end), rows
 
     def end_ranges(self, box: Sequence[Interval], enclosure: Enclosure) -> list[Interval]:
-        """The states' ranges at the end of a span, from `box` and the enclosure of the span."""
+        """The states' ranges at the end of a span: `box`, as the enclosure says no more."""
         del enclosure  # says no more
-        return self.clip(box)
+        return self.clip_at_kept_ends(box)
 
     def solution_over(self, enclosure: Enclosure, span: Fraction) -> Solution:
-        """The solution over a span of time; the same for every enclosure."""
+        """The solution over a span of time; the same one in every enclosure."""
         del enclosure
         return self._solution(span, span)
 
@@ -241,7 +241,7 @@ class SolvedFlow(KeptEnds):
 
 
 class LocalFlow(KeptEnds):
-    """The flow of a group; states of other groups range over their grids."""
+    """The flow of a group, enclosed around each box; states of other groups are in their grids."""
 
     apart = False
 
@@ -261,35 +261,35 @@ class LocalFlow(KeptEnds):
         terms.outside = None if outside is None else states[members[outside]].atom
         controls = control_inputs(model.facts, terms)
         rates, _ = model.rates(terms, states, controls)
-        own = [states[i].atom for i in members]
+        atoms = [states[i].atom for i in members]
         outputs = [rates[i] for i in members]
-        felt = inputs_of(terms, outputs)
-        self.compared = [x in terms.compared for x in own]
+        felt = input_atoms(terms, outputs)
+        self.compared = [x in terms.compared for x in atoms]
         """Members that are compared with numbers where a rate may jump."""
         self.moves = [k for k, u in enumerate(controls) if u.atom in felt]
         """Controls that this group feels."""
-        inputs = own + [controls[k].atom for k in self.moves]
-        must = _own_obligations(terms, own, [x.atom for x in states])
-        boxes = boxes_of(model, states, members)
+        inputs = atoms + [controls[k].atom for k in self.moves]
+        must = _obligations(terms, atoms, [x.atom for x in states])
+        boxes = other_ends(model, states, members)
         self.may_branch = model.facts.at_rest
         """Whether there may be several solutions."""
         self.written = compile_lines(terms, inputs, 0, outputs, must, boxes)
-        self.domain = domain_of(terms, own)
+        self.domain = input_domains(terms, atoms)
         self.ranges = [
             (exact(c.low), exact(c.high)) for c in (model.facts.controls[k] for k in self.moves)
         ]
 
-    def steps(self, span: Fraction) -> int:
-        """Into how many steps a span is cut at least: few where rates are slow."""
+    def least_steps(self, span: Fraction) -> int:
+        """Into how many steps a span is cut at least, so that a step is short for the rates."""
         try:
-            lines = self.lines(self.grid, self.ranges)
+            lines = self.derivative_rows(self.grid, self.ranges)
         except NotCertainError:
             return 2
-        rates = largest_row_sum(self.enclosure(self.grid, self.ranges, lines).a)
+        rates = largest_row_sum(self.enclosure_by_rows(self.grid, self.ranges, lines).a)
         return max(1, math.ceil(min(float(rates * exact(span) / STIFF), STEPS_MAX)))
 
-    def lines(self, box: Sequence[Interval], commands: Sequence[Interval]) -> list[arb]:
-        """The rows of the derivative over a box, as `compile_lines` has them.
+    def derivative_rows(self, box: Sequence[Interval], commands: Sequence[Interval]) -> list[arb]:
+        """The rows of the derivative over a box, in the order of `compile_lines`.
 
         `NotCertainError` where the derivative is not defined on all of the box.
         """
@@ -306,7 +306,7 @@ class LocalFlow(KeptEnds):
         return list(rows)
 
     def rates(self, lines: Sequence[arb]) -> list[Interval]:
-        """The ranges of the derivative out of its rows."""
+        """The ranges of the derivative, out of its rows."""
         width = self.n + len(self.moves) + TAIL
         return [(lines[k * width - 2], lines[k * width - 1]) for k in range(1, self.n + 1)]
 
@@ -318,33 +318,33 @@ class LocalFlow(KeptEnds):
         `NotCertainError` where none is found.
         """
         first, last = exact(start), exact(end)
-        box, commands = (list(starmap(rounded_outwards, x)) for x in (box, commands))
-        trial = self.clip(box)
-        lines = self.lines(trial, commands)
+        box, commands = (list(starmap(round_outwards, x)) for x in (box, commands))
+        trial = self.clip_at_kept_ends(box)
+        lines = self.derivative_rows(trial, commands)
         for k in range(ROUNDS):
-            moved = self._moved_box(box, self.rates(lines), first, last)
-            if k and _within(moved, trial):
-                return self.enclosure(moved, commands, lines)
+            moved = self._box_during_span(box, self.rates(lines), first, last)
+            if k and _is_within(moved, trial):
+                return self.enclosure_by_rows(moved, commands, lines)
             hair = HAIR if start < 0 or self.may_branch else ZERO
-            trial = self.clip(self._looser_box(box, moved, hair=hair))
-            lines = self.lines(trial, commands)
+            trial = self.clip_at_kept_ends(self._looser_box(box, moved, hair=hair))
+            lines = self.derivative_rows(trial, commands)
         raise NotCertainError
 
-    def _moved_box(
+    def _box_during_span(
         self, box: Sequence[Interval], rates: Sequence[Interval], start: arb, end: arb
     ) -> list[Interval]:
-        """The box of the states of `box` over [start, end] with these rates, clipped."""
+        """The box in which states of `box` are over [start, end] with these rates, clipped."""
         intervals = []
         for (low, high), (least, most) in zip(box, rates, strict=True):
             down = (end * least).min(start * most).min(ZERO)
             up = (end * most).max(start * least).max(ZERO)
-            intervals.append(rounded_outwards(low + down, high + up))
-        return self.clip(intervals)
+            intervals.append(round_outwards(low + down, high + up))
+        return self.clip_at_kept_ends(intervals)
 
     def _looser_box(
         self, box: Sequence[Interval], moved: Sequence[Interval], hair: arb
     ) -> list[Interval]:
-        """A box further out than `moved`: by a tenth of its way from `box`, and by a hair."""
+        """A box around `moved`: wider by a tenth of the way from `box`, and by a hair."""
         intervals = []
         for (low, high), (least, most), (first, last) in zip(box, moved, self.grid, strict=True):
             more = (last - first).min(ONE + abs(low) + abs(high)) * hair  # a set may be endless
@@ -355,10 +355,10 @@ class LocalFlow(KeptEnds):
 
     # ------------------------------------------------------------ solutions
 
-    def enclosure(
+    def enclosure_by_rows(
         self, box: Sequence[Interval], commands: Sequence[Interval], lines: Sequence[arb]
     ) -> Enclosure:
-        """The linear model that these rows say; the row of a state that stands still is zero."""
+        """The enclosure by these rows of the derivative; the row of a state with rate 0 is zero."""
         n, m = self.n, len(self.moves)
         width = n + m + TAIL
         rows, rates = [], self.rates(lines)
@@ -381,14 +381,14 @@ class LocalFlow(KeptEnds):
         )
 
     def end_ranges(self, box: Sequence[Interval], enclosure: Enclosure) -> list[Interval]:
-        """The states' ranges at the end of a span, from `box` and the enclosure of the span."""
+        """The states' ranges at the end of a span: those of `box` and of the enclosure together."""
         pairs = zip(box, enclosure.box, strict=True)
-        return self.clip(
-            [rounded_outwards(larger(a, c), smaller(b, d)) for (a, b), (c, d) in pairs]
+        return self.clip_at_kept_ends(
+            [round_outwards(larger(a, c), smaller(b, d)) for (a, b), (c, d) in pairs]
         )
 
     def solution_over(self, enclosure: Enclosure, span: Fraction) -> Solution:
-        """The solution formula over a step of this length."""
+        """The solution over a step of this length."""
         integral = integrals(enclosure.a, span, span)
         return Solution(
             plus_scaled(unit_rows(self.n), product(enclosure.a, integral)),
@@ -415,16 +415,16 @@ class LocalFlow(KeptEnds):
 
     def integral(self, enclosure: Enclosure, start: Fraction, end: Fraction) -> Rows:
         """The integral of e^{As} over [0, t], for all t in [start, end]."""
-        rows = self.integral_beyond_time(enclosure, start, end)
+        rows = self.integral_less_time(enclosure, start, end)
         for i, row in enumerate(rows):
             row[i] += exact(start).union(exact(end))
         return rows
 
-    def integral_beyond_time(self, enclosure: Enclosure, start: Fraction, end: Fraction) -> Rows:
-        """The integral of e^{As} over [0, t] less t, for all t in [start, end].
+    def integral_less_time(self, enclosure: Enclosure, start: Fraction, end: Fraction) -> Rows:
+        """The integral of e^{As} over [0, t], less t, for all t in [start, end].
 
         It is A t^2/2 to within |A|^2 |t|^3/6 e^{|A t|}, |A| the largest sum of a row of scaled
-        states, and exactly 0 in the rows of states whose rate depends on none.
+        states, and exactly 0 in the rows of states whose rate depends on no state.
         """
         far = exact(max(-start, end))
         least = ZERO if start <= 0 <= end else exact(min(abs(start), abs(end)))
@@ -439,7 +439,7 @@ class LocalFlow(KeptEnds):
 
 
 def largest_row_sum(a: Rows) -> arb:
-    """The largest sum of absolute values of a row, without radius."""
+    """The largest sum of the absolute values in a row, as a number without radius."""
     size = ZERO
     for row in a:
         size = size.max(total(map(abs, row)))
@@ -449,25 +449,25 @@ def largest_row_sum(a: Rows) -> arb:
 # ---------------------------------------------------------------- helpers
 
 
-def domain_of(terms: Terms, inputs: Sequence[int]) -> list[Interval]:
-    """The range in which each of the inputs may lie: elsewhere the terms do not hold."""
+def input_domains(terms: Terms, inputs: Sequence[int]) -> list[Interval]:
+    """The range of each input, outside of which the terms do not hold."""
     return [(terms.atoms[a].low, terms.atoms[a].high) for a in inputs]
 
 
-def rounded_outwards(low: arb, high: arb) -> Interval:
-    """Ends without radius: equal ends are seen to be equal."""
+def round_outwards(low: arb, high: arb) -> Interval:
+    """The interval whose ends have no radius, so that equal ends are seen to be equal."""
     return arb(low.lower()), arb(high.upper())
 
 
-def _within(box: Sequence[Interval], other: Sequence[Interval]) -> bool:
+def _is_within(box: Sequence[Interval], other: Sequence[Interval]) -> bool:
     return all(a >= c and b <= d for (a, b), (c, d) in zip(box, other, strict=True))
 
 
-def _own_obligations(terms: Terms, own: Sequence[int], states: Sequence[int]) -> list[Proposition]:
-    """The obligations of the derivative, without those that speak of other groups alone."""
+def _obligations(terms: Terms, members: Sequence[int], states: Sequence[int]) -> list[Proposition]:
+    """The obligations of the derivative, without those that are about other groups alone."""
     obligations = []
     for truth in terms.obligations:
-        inputs = inputs_of(terms, [truth]).intersection(states)
-        if not inputs or inputs.intersection(own):
+        inputs = input_atoms(terms, [truth]).intersection(states)
+        if not inputs or inputs.intersection(members):
             obligations.append(truth)
     return obligations

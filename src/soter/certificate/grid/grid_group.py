@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.certificate.cell_predicates import AdmitCheck, cells_wrongly_admitted
-from soter.certificate.cell_sets import Cells, Grid, cut_block, volume
+from soter.certificate.cell_sets import Cells, Grid, cell_count, cut_block
 from soter.certificate.extras import extras
 from soter.certificate.grid.group_claims import (
     FREE_PIECES,
@@ -28,8 +28,8 @@ from soter.certificate.grid.group_claims import (
     cells_not_led,
     cells_not_nearer,
 )
-from soter.certificate.grid.sc_chains import points_inwards
-from soter.certificate.reading.linear_flows import is_linear
+from soter.certificate.grid.sc_chains import is_grid_never_left
+from soter.certificate.reading.linear_flows import has_linear_rates
 from soter.certificate.report import GETS, KEEPS, NotRecheckedError, RejectedError
 
 if TYPE_CHECKING:
@@ -73,45 +73,45 @@ class GridGroup:
 
     @classmethod
     def read(cls, certificate: Certificate, facts: Facts, entry: Entry, axes: Axes) -> GridGroup:
-        """RejectedError where a table is not of the size of the grid."""
+        """Reads the tables of a group; RejectedError where one has not the size of the grid."""
         shape = shape_of_way = axes.grid.shape
-        certificate.count(shape)
-        core = certificate.numbers(entry["K"], shape, "<u1")
+        certificate.count_cells(shape)
+        core = certificate.number_table(entry["K"], shape, "<u1")
         facts.at_rest |= bool((core == RESTS).any())
         tables = GroupTables(axes.states, axes.grid, core)
         if "R" in entry:
-            tables.free = certificate.bits(entry["R"], shape)
+            tables.free = certificate.set_of_cells(entry["R"], shape)
         if "Q_axes" in entry:
-            of_q = extras.estimates_and_shield.grid_of_q
+            of_q = extras.estimates_and_shield.read_grid_of_q
             tables.finer = of_q(certificate, axes.grid, entry["Q_axes"])
             shape_of_way = tables.finer.shape
         if "Q" in entry:
-            tables.home = certificate.numbers(entry["Q"], shape_of_way, "<u1")
+            tables.home = certificate.number_table(entry["Q"], shape_of_way, "<u1")
         if "W" in entry:
-            tables.rank = certificate.numbers(entry["W"], shape_of_way, "<u2")
-            tables.rank_holds = certificate.numbers(entry.get("W_N"), shape_of_way, "<u1")
-        tables.levels = [certificate.bits(path, shape) for path in entry.get("S", [])]
+            tables.rank = certificate.number_table(entry["W"], shape_of_way, "<u2")
+            tables.rank_holds = certificate.number_table(entry.get("W_N"), shape_of_way, "<u1")
+        tables.levels = [certificate.set_of_cells(path, shape) for path in entry.get("S", [])]
         return cls(tables)
 
     def check(self, model: CaseModel, lawful: Cells | None) -> GridCheck:
-        """The check that shows the claims of this group cell by cell."""
+        """Makes the check that shows the claims of this group cell by cell."""
         return GridCheck(model, self.tables, lawful)
 
     def cells_kept_by_law(self, law: Sequence[GridGroup]) -> Cells:
-        """The cells that the law keeps; RejectedError where these are cells of another grid."""
-        own = self.tables
+        """The cells that the law keeps; RejectedError where its group has another grid."""
+        tables = self.tables
         for other in (g.tables for g in law):
-            if other.states == own.states and other.grid.edges == own.grid.edges:
-                return Cells(own.grid, other.core > 0)
+            if other.states == tables.states and other.grid.edges == tables.grid.edges:
+                return Cells(tables.grid, other.core > 0)
         raise RejectedError("the law is looked at on other cells than SC")
 
     def add_size_to(self, report: RecheckedModule) -> None:
-        """Add to a report how many cells the grid has."""
+        """Adds the number of the grid's cells to a report."""
         report.cells += int(np.prod(self.tables.grid.shape))
 
     @property
     def why_ac_never(self) -> str:
-        """Why the DM's table never gives or leaves AC control; "": it does."""
+        """Why the DM's table never gives AC control, or never leaves it; "" where it does both."""
         given_back, levels = self.tables.given_back, self.tables.levels
         if given_back is not None and not given_back.any():
             return f"{GETS} (the table gives it back on no estimate)"
@@ -120,7 +120,7 @@ class GridGroup:
         return ""
 
     def random_points(self, chance: np.random.Generator) -> Iterator[list[float]]:
-        """Random points of K, one number a state: each cell as often, and anywhere in it."""
+        """Random points of K, one number a state: a random cell, and a random point in it."""
         inside = np.argwhere(self.tables.core > 0)
         while len(inside):
             cell = inside[chance.integers(len(inside))]
@@ -129,10 +129,10 @@ class GridGroup:
 
 
 class GridCheck:
-    """The claims about a group, in the order in which they are asked, each where it is claimed.
+    """The claims about a group in one case, in the order in which they are asked.
 
-    RejectedError, NotRecheckedError where one does not hold. What takes long is left to tasks,
-    which may run in other processes. It is of one combination of parameter values.
+    RejectedError, NotRecheckedError where a claim does not hold. Long work is left to tasks, which
+    may run in other processes.
     """
 
     def __init__(self, model: CaseModel, tables: GroupTables, lawful: Cells | None) -> None:
@@ -141,33 +141,33 @@ class GridCheck:
         self.kernel = Cells(tables.grid, tables.core > 0)
         self.allowed = np.ones(tables.grid.shape, dtype=np.bool_)
         """Cells on which `safe` is certain, and all that is published in its set."""
-        self.kept = points_inwards(model, tables.states)
+        self.kept = is_grid_never_left(model, tables.states)
         """Whether no run leaves the grid, whatever is commanded."""
 
     @property
     def shows_rates_defined(self) -> bool:
-        """Whether chains follow a flow that is not linear: these need its rates to be defined."""
-        return not self.kept and not is_linear(self.model, self.tables.states)
+        """Whether chains follow a nonlinear flow, and so demand that its rates are defined."""
+        return not self.kept and not has_linear_rates(self.model, self.tables.states)
 
     @cached_property
     def chains(self) -> ChainCheck:
-        """The chains of SC; those first tried are compiled here, before processes are forked."""
+        """The chains of SC; the first ones tried are compiled here, before processes are forked."""
         check = ChainCheck(self.model, self.tables)
-        check.chain(PIECES[0])
+        check.compiled_chain(PIECES[0])
         return check
 
-    def never_left(self, *sets: Cells) -> bool:
-        """Whether the sets are the whole grid of a group that no run leaves."""
+    def are_never_left(self, *sets: Cells) -> bool:
+        """Whether each set is the whole grid, and no run leaves this grid."""
         return self.kept and all(s.members.all() for s in sets)
 
     def note_safe_cells(self, cells: Cells) -> None:
-        """`safe` is certain on these cells; RejectedError where K is empty."""
+        """Notes the cells on which `safe` is certain; RejectedError where K is empty."""
         if self.kernel.size == 0:
             raise RejectedError("K is empty")
         self.allowed &= cells.members
 
     def keep_in_topic_set(self, topic: int, cells: Cells) -> None:
-        """SC has to keep the state in `cells`: a plant that publishes anything else stops.
+        """Demands that SC keeps the state in `cells`: elsewhere a plant that publishes stops.
 
         RejectedError where K holds other cells.
         """
@@ -179,8 +179,8 @@ class GridCheck:
             )
         self.allowed &= cells.members
 
-    def show_core(self) -> Iterable[Task]:
-        """Show that SC leads from each cell of K back to K, after as many holds as the cell says.
+    def core_tasks(self) -> Iterable[Task]:
+        """Tasks that show that SC leads from K back to K, after as many holds as each cell says.
 
         RejectedError where `safe` is not certain on a cell of K.
         """
@@ -190,7 +190,7 @@ class GridCheck:
             self.allowed &= self.lawful.members
         if (self.kernel.members & ~self.allowed).any():
             raise RejectedError(f"K holds cells on which {text} is not certain")
-        if self.never_left(self.kernel):
+        if self.are_never_left(self.kernel):
             return ()
         within, tasks, at_rest = (
             Cells(self.grid, self.allowed),
@@ -205,19 +205,19 @@ class GridCheck:
         text = "SC does not certainly lead back to K from"
         return [*tasks, *block_tasks(text, self.grid, show, holds)]
 
-    def show_free(self, horizon_ns: int) -> Iterable[Task]:
-        """Show that no command leads from a cell of R out of K; RejectedError without R."""
+    def free_tasks(self, horizon_ns: int) -> Iterable[Task]:
+        """Tasks that show that no command leads from R out of K; RejectedError without R."""
         if self.tables.free is None:
             raise RejectedError("a claim needs R, which is not there")
-        if self.never_left(self.kernel):
+        if self.are_never_left(self.kernel):
             return ()
         check = FreeCheck(self.model, self.tables, horizon_ns)
-        check.phase(FREE_PIECES[0])
+        check.compiled_steps(FREE_PIECES[0])
         show = partial(cells_driven_out, check, self.tables.free, self.kernel)
         return block_tasks("some command leads out of K within H from", self.grid, show)
 
-    def show_predicate(self, name: str, expr: typed.TypedExpr, *, admits: bool) -> Iterable[Task]:
-        """Show that the predicate leaves AC in control on no cell outside R."""
+    def predicate_tasks(self, name: str, expr: typed.TypedExpr, *, admits: bool) -> Iterable[Task]:
+        """Tasks that show that the predicate leaves AC in control on no cell outside of R."""
         assert self.tables.free is not None
         if self.tables.free.all():
             return ()
@@ -225,13 +225,13 @@ class GridCheck:
         show = partial(cells_wrongly_admitted, check, self.tables.free)
         return block_tasks(f"`{name}` may leave AC in control outside R(H) in", self.grid, show)
 
-    def show_levels(self, between_ns: int) -> Iterator[Task]:
-        """Show the sets S, where predicates are computed."""
+    def levels_tasks(self, between_ns: int) -> Iterator[Task]:
+        """Tasks that show the sets S, where predicates are computed."""
         yield from extras.estimates_and_shield.level_tasks(self, between_ns)
 
     @property
     def holds_to_return(self) -> int:
-        """The sum, over all ranks, of the longest chain of each; RejectedError without ranks."""
+        """The sum over all ranks of the longest chain, in holds; RejectedError without ranks."""
         rank, holds = self.tables.rank, self.tables.rank_holds
         if rank is None or holds is None:
             raise RejectedError("a claim needs Q and W, which are not there")
@@ -239,11 +239,11 @@ class GridCheck:
         np.maximum.at(of_rank, rank.reshape(-1), holds.reshape(-1))
         return int(of_rank[1:].sum())
 
-    def show_return(self, calm: Cells | None) -> Iterator[Task]:
-        """SC stays in Q from each cell of it, and leads from each other cell of W to lower ranks.
+    def return_tasks(self, calm: Cells | None) -> Iterator[Task]:
+        """Tasks that show that SC stays in Q, and leads from all other cells of W to lower ranks.
 
         RejectedError where Q, W or the table of the DM is not there, or they do not fit;
-        NotRecheckedError where K has cells at rest.
+        NotRecheckedError where K has cells from which SC comes to rest.
         """
         tables = self.tables
         if np.any(tables.core == RESTS):
@@ -251,8 +251,8 @@ class GridCheck:
         if tables.finer is not None:
             if tables.given_back is None:
                 raise RejectedError("Q has cells of its own, and the DM has no table")
-            finer = extras.estimates_and_shield.on_finer(tables)
-            yield from GridCheck(self.model, finer, self.lawful).show_return(None)
+            finer = extras.estimates_and_shield.tables_on_finer_cells(tables)
+            yield from GridCheck(self.model, finer, self.lawful).return_tasks(None)
             return
         if calm is None:
             if tables.given_back is None:
@@ -271,7 +271,7 @@ class GridCheck:
             raise RejectedError("W does not begin with Q")
         if ((tables.rank <= 1) & (tables.rank_holds > 0)).any():
             raise RejectedError("W says how long it takes where there is nowhere to go")
-        if self.never_left(home):
+        if self.are_never_left(home):
             return
         kept = partial(cells_not_led, self.chains, tables.home, calm, home)
         text = "SC does not certainly stay where `safer` holds from"
@@ -280,14 +280,14 @@ class GridCheck:
         text = "SC does not certainly come nearer to Q from"
         yield from block_tasks(text, self.grid, nearer, tables.rank_holds)
 
-    def show_start(self, until_ns: int) -> Iterable[Task]:
-        """Shown at once, as it is one box; RejectedError where that may leave K."""
+    def start_tasks(self, until_ns: int) -> Iterable[Task]:
+        """Shows at once that initial states stay in K until SC acts; RejectedError where not."""
         states = [self.model.facts.states[i] for i in self.tables.states]
-        box = Grid(tuple(self.grid.brought_in(k, s.low, s.high) for k, s in enumerate(states)))
-        inside = self.grid.cells([end for edges in box.edges for end in edges]) is not None
-        if not (inside and self.never_left(self.kernel)):
+        box = Grid(tuple(self.grid.move_onto_axis(k, s.low, s.high) for k, s in enumerate(states)))
+        inside = self.grid.cells_around([end for edges in box.edges for end in edges]) is not None
+        if not (inside and self.are_never_left(self.kernel)):
             check = FreeCheck(self.model, self.tables, until_ns)
-            if not check.stays(box.box(box.whole), self.kernel, FREE_PIECES[-1]):
+            if not check.stays_in(box.box(box.all_cells), self.kernel, FREE_PIECES[-1]):
                 raise RejectedError("an initial state may leave K before SC acts")
         return ()
 
@@ -298,18 +298,18 @@ def block_tasks(
     show: Callable[[Block], Iterator[Block]],
     holds: NDArray[Any] | None = None,
 ) -> Iterator[Task]:
-    """A claim about the cells of a grid, in blocks; `show`: the cells for which it fails.
+    """Tasks for a claim about all cells of a grid, in blocks; `show`: the cells where it fails.
 
     `holds`, of the grid's shape: for how many holds each is followed; None: for less than one.
     """
     cells = int(np.prod(grid.shape))
-    for block in cut_block(grid.whole, max(BLOCKS, cells // BLOCK) if cells > SMALL else 1):
-        work = LOOK * volume(block)
+    for block in cut_block(grid.all_cells, max(BLOCKS, cells // BLOCK) if cells > SMALL else 1):
+        work = LOOK * cell_count(block)
         if holds is not None:
             work += float(holds[tuple(slice(a, b) for a, b in block)].sum(dtype=np.float64))
-        yield partial(_answer, text, grid, show, block), work
+        yield partial(_failure, text, grid, show, block), work
 
 
-def _answer(text: str, grid: Grid, show: Callable[[Block], Iterator[Block]], block: Block) -> str:
+def _failure(text: str, grid: Grid, show: Callable[[Block], Iterator[Block]], block: Block) -> str:
     failed = next(show(block), None)
-    return "" if failed is None else f"{text} {grid.text(failed)}"
+    return "" if failed is None else f"{text} {grid.block_in_words(failed)}"

@@ -19,14 +19,14 @@ from soter.certificate.cell_sets import (
     Cells,
     Grid,
     block_index,
+    cell_count,
     cells_uncovered,
     cells_unshown,
     holds_in_parts,
-    volume,
 )
-from soter.certificate.grid.sc_chains import EVERY, Window, free_phase, sc_chain, windows
+from soter.certificate.grid.sc_chains import EVERY, Window, phase_steps, sc_chain, windows_of_runs
 from soter.certificate.terms.compile_terms import form_of_box
-from soter.certificate.terms.linear_enclosures import HALF, above, below, larger, smaller
+from soter.certificate.terms.linear_enclosures import HALF, larger, lower, smaller, upper
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -96,28 +96,28 @@ class GroupTables(Axes):
 
 @dataclass(frozen=True)
 class _TargetCells:
-    """A set of cells in which the runs from a box are to be, and those from beyond its ends."""
+    """Cells in which runs from a box are to be, and runs from beyond the ends of axes."""
 
     cells: Cells
     start: list[tuple[arb, arb]]
 
     def contains_all(self, boxes: Sequence[float]) -> bool:
-        """Whether all of these boxes lie in it; runs beyond are followed as well."""
+        """Whether all boxes lie in the set, and so do runs from beyond the ends."""
         return self.cells.contains_all(boxes) and self.holds_beyond(boxes)
 
     def holds_beyond(self, boxes: Sequence[float]) -> bool:
-        """Whether every claim about these boxes holds of the runs beyond the grid."""
-        return self.cells.grid.followed_beyond(self.start, boxes)
+        """Whether what is shown of these boxes holds of the runs from beyond the ends."""
+        return self.cells.grid.holds_beyond_ends(self.start, boxes)
 
 
 class ChainCheck:
-    """Asks whether SC leads from boxes to a set, within another one on the way."""
+    """Asks whether SC leads from boxes into a set, and stays in another set on the way."""
 
     def __init__(self, model: CaseModel, group: GroupTables) -> None:
         self.model, self.group = model, group
         self._chains: dict[tuple[int, Window], Chain] = {}
 
-    def chain(self, pieces: int, window: Window = EVERY) -> Chain:
+    def compiled_chain(self, pieces: int, window: Window = EVERY) -> Chain:
         """The chain of a window, compiled when it is first needed."""
         key = pieces, window
         if key not in self._chains:
@@ -125,12 +125,12 @@ class ChainCheck:
         return self._chains[key]
 
     def _window_splits(self) -> list[tuple[Window, ...]]:
-        """The splits to try: tuples of windows that together are all runs, one window first."""
-        parts = windows(self.model, self.group.states, WINDOWS)
-        aged = windows(self.model, self.group.states, WINDOWS, by_age=True)
+        """Ways to split all runs into windows, to be tried in turn: the first has one window."""
+        parts = windows_of_runs(self.model, self.group.states, WINDOWS)
+        aged = windows_of_runs(self.model, self.group.states, WINDOWS, by_age=True)
         return list(dict.fromkeys([(EVERY,), parts, aged]))
 
-    def leads(
+    def leads_to(
         self,
         box: list[tuple[arb, arb]],
         holds: int,
@@ -141,7 +141,7 @@ class ChainCheck:
         cuts: int = 0,
         window: Window = EVERY,
     ) -> bool:
-        """Whether after so many holds everything is in `target`, and in `within` all the time."""
+        """Whether after so many holds all runs are in `target`, and in `within` all the time."""
         reached = self.follow(box, [holds], within, pieces, cuts=cuts, window=window)
         return any(all(map(target, ends)) for _, ends in reached)
 
@@ -155,13 +155,13 @@ class ChainCheck:
         cuts: int = 0,
         window: Window = EVERY,
     ) -> Iterator[tuple[int, list[tuple[float, ...]]]]:
-        """(N, where everything may be after N holds) for each wanted N, rising, while it is within.
+        """Gives (N, boxes of all states after N holds) for each wanted N, while all is within.
 
-        An N after which the box is not certainly within until N delta + j is left out. `cuts`: so
-        often on the way sets are halved along what errors and disturbances made of them. `window`:
-        of the runs in it.
+        An N is left out if the boxes are not certainly within until N delta + j. `cuts`: how often
+        sets are halved on the way, along what errors and disturbances made of them. `window`: which
+        runs are followed.
         """
-        chain, set_ = self.chain(pieces, window), _TargetCells(within, box)
+        chain, set_ = self.compiled_chain(pieces, window), _TargetCells(within, box)
         forms, step, last = [form_of_box(box, symbols=True)], chain.first, max(wanted, default=0)
         at = {last * k // (cuts + 1) for k in range(1, cuts + 1)} - {0}
         for k in range(last):
@@ -182,10 +182,10 @@ class ChainCheck:
     def _boxes_at_switch(
         self, chain: Chain, form: tuple[arb, ...], within: _TargetCells
     ) -> list[tuple[float, ...]] | None:
-        """The boxes of all states while the last command may still act; None: not within."""
+        """The boxes of all states while the last command may still act; None: not all within."""
         n = len(self.group.states)
         if chain.last is None:
-            end = _box_of(form, n)
+            end = _box_of_states(form, n)
             return [end] if within.holds_beyond(end) else None
         image = chain.last(form)
         if image is None or not within.contains_all(image[1]):
@@ -200,21 +200,21 @@ class ChainCheck:
         within: Cells,
         target: Callable[[Sequence[float]], bool],
     ) -> bool:
-        """As `leads`, with finer tubes, in parts of the box, and in parts on the way.
+        """Whether `leads_to` holds with finer tubes, on parts of the box, and of sets on the way.
 
-        Then once more for each of several windows of runs by itself; but where the certificate has
-        reads that are older than any there are, all that follows is about those that there are.
+        If not, each of several windows is tried by itself. Where the manifest says that reads are
+        older than any there are, all that follows is about the reads that there are.
         """
         facts = self.model.facts
 
-        def fine(part: list[tuple[arb, arb]], some: Sequence[Window], cuts: int) -> bool:
+        def all_lead(part: list[tuple[arb, arb]], some: Sequence[Window], cuts: int) -> bool:
             return all(
-                self.leads(part, holds, within, target, PIECES[1], cuts=cuts, window=w)
+                self.leads_to(part, holds, within, target, PIECES[1], cuts=cuts, window=w)
                 for w in some
             )
 
         for some in self._window_splits():
-            if any(holds_in_parts(box, partial(fine, some=some, cuts=c), n) for n, c in LED_IN):
+            if any(holds_in_parts(box, partial(all_lead, some=some, cuts=c), n) for n, c in LED_IN):
                 return True
             if facts.times["d_ns"] != facts.own.delay:
                 facts.times["d_ns"] = facts.own.delay
@@ -223,7 +223,7 @@ class ChainCheck:
         return False
 
     def _halves_of_form(self, form: tuple[arb, ...]) -> list[tuple[arb, ...]]:
-        """A form in two: the beta of the state with the widest rest, in cells, is halved."""
+        """The halves of a form: the beta of the state whose rest is widest, in cells, is halved."""
         n = len(self.group.states)
         widths = [(e[-1] - e[0]) / (len(e) - 1) for e in self.group.grid.edges]
         count = count_states(len(form), n)
@@ -232,23 +232,23 @@ class ChainCheck:
         return [half_of_form(form, n, axis, side) for side in (-HALF, HALF)]
 
 
-def _box_of(form: Sequence[arb], n: int) -> tuple[float, ...]:
+def _box_of_states(form: Sequence[arb], n: int) -> tuple[float, ...]:
     """The box of the first n states of a form."""
     bounds: list[float] = []
     for i in range(n):
-        bounds += (below(form[2 * i]), above(form[2 * i + 1]))
+        bounds += (lower(form[2 * i]), upper(form[2 * i + 1]))
     return tuple(bounds)
 
 
 def count_states(length: int, n: int) -> int:
-    """The number of states and memories of a form: 4 + n entries each, n more for a memory."""
+    """The number of states and memories in a form: 4 + n numbers each, n more for a memory."""
     return (length + n * n) // (4 + 2 * n)
 
 
 def half_of_form(form: tuple[arb, ...], n: int, axis: int, side: arb) -> tuple[arb, ...]:
     """The part of a form in which the beta of one state lies on one side of 0.
 
-    beta = side + beta'/2 with side = 1/2 or -1/2: centres move by what they have of it.
+    beta = side + beta'/2, side = 1/2 or -1/2: centres move by side times their coefficient of beta.
     """
     count = count_states(len(form), n)
     new = list(form)
@@ -275,9 +275,9 @@ def cells_not_led(
     target: Cells,
     block: Block,
 ) -> Iterator[Block]:
-    """Cells with a witness from which SC does not certainly lead to the target.
+    """The cells with a witness from which SC does not certainly lead to the target.
 
-    `witnesses`: the number of holds, 0 for none, in the grid's shape.
+    `witnesses`: the number of holds, or 0 for no witness, in the grid's shape.
     """
     grid = check.group.grid
 
@@ -289,12 +289,12 @@ def cells_not_led(
                 shown |= wanted & (own == holds)
         return shown
 
-    def leads(cell: Block) -> bool:
+    def leads_to(cell: Block) -> bool:
         holds = int(witnesses[block_index(cell)].flat[0])
         return check.leads_in_parts(grid.box(cell), holds, within, target.contains)
 
     waiting = cells_unshown(witnesses > 0, block, attempt, CELLS_AT_ONCE)
-    return (cell for cell in waiting if not leads(cell))
+    return (cell for cell in waiting if not leads_to(cell))
 
 
 def holds_of(witnesses: NDArray[np.uint8], wanted: NDArray[np.bool_]) -> list[int]:
@@ -303,7 +303,7 @@ def holds_of(witnesses: NDArray[np.uint8], wanted: NDArray[np.bool_]) -> list[in
 
 
 def cells_not_nearer(check: ChainCheck, home: Cells, block: Block) -> Iterator[Block]:
-    """Cells of W from which SC does not certainly lead to lower ranks."""
+    """The cells of W from which SC does not certainly lead to lower ranks."""
     group = check.group
     assert group.rank is not None
     assert group.rank_holds is not None
@@ -311,11 +311,11 @@ def cells_not_nearer(check: ChainCheck, home: Cells, block: Block) -> Iterator[B
     order = group.rank.astype(np.int64)  # wider than a table: UNRANKED has no place in 16 bits
     order[order == 0] = UNRANKED
     order[home.members] = 0
-    around = grid.counted_on(order)
+    around = grid.table_continued(order)
     everywhere = Cells(grid, np.ones(grid.shape, dtype=np.bool_))
 
-    def highest(box: Sequence[float]) -> int:
-        cells = grid.cells(box)
+    def highest_rank(box: Sequence[float]) -> int:
+        cells = grid.cells_around(box)
         if cells is None:
             return UNRANKED
         return int(around[block_index(cells)].max())
@@ -326,45 +326,45 @@ def cells_not_nearer(check: ChainCheck, home: Cells, block: Block) -> Iterator[B
         own, ranks = every_holds[block_index(at)], order[block_index(at)]
         shown = np.zeros_like(wanted)
         for holds, ends in check.follow(grid.box(at), holds_of(own, wanted), everywhere, PIECES[0]):
-            top = max(highest(end) for end in ends)
+            top = max(highest_rank(end) for end in ends)
             shown |= wanted & (own == holds) & (ranks > top)
         return shown
 
-    def leads(cell: Block) -> bool:
+    def leads_to(cell: Block) -> bool:
         holds, rank = (int(x[block_index(cell)].flat[0]) for x in (every_holds, order))
         return holds > 0 and check.leads_in_parts(
-            grid.box(cell), holds, everywhere, lambda end: highest(end) < rank
+            grid.box(cell), holds, everywhere, lambda end: highest_rank(end) < rank
         )
 
     waiting = cells_unshown(todo, block, attempt, CELLS_AT_ONCE)
-    return (cell for cell in waiting if not leads(cell))
+    return (cell for cell in waiting if not leads_to(cell))
 
 
 # ---------------------------------------------------------------- free phases
 
 
 class FreeCheck:
-    """Asks whether boxes stay in a set for some time, whatever is commanded."""
+    """Asks whether runs from boxes stay in a set for some time, whatever is commanded."""
 
     def __init__(self, model: CaseModel, group: GroupTables, time_ns: int) -> None:
         self.model, self.group, self.time_ns = model, group, time_ns
         self._phases: dict[int, tuple[Step, ...]] = {}
 
-    def phase(self, pieces: int) -> tuple[Step, ...]:
+    def compiled_steps(self, pieces: int) -> tuple[Step, ...]:
         """The steps of the free phase, compiled when they are first needed."""
         if pieces not in self._phases:
-            self._phases[pieces] = free_phase(self.model, self.group.states, self.time_ns, pieces)
+            self._phases[pieces] = phase_steps(self.model, self.group.states, self.time_ns, pieces)
         return self._phases[pieces]
 
-    def stays(self, box: list[tuple[arb, arb]], within: Cells, pieces: int) -> bool:
+    def stays_in(self, box: list[tuple[arb, arb]], within: Cells, pieces: int) -> bool:
         """Whether all runs from a box are in `within` at every time in [0, time]."""
         maps = self.model.facts.kind == "map"
         form = form_of_box(box, symbols=True)
-        start = _box_of(form, len(self.group.states))
+        start = _box_of_states(form, len(self.group.states))
         set_ = _TargetCells(within, box)
         if not within.contains(start):
             return False
-        for step in self.phase(pieces):
+        for step in self.compiled_steps(pieces):
             image = step(form)
             if image is None or not set_.contains_all(image[1]):
                 return False
@@ -373,10 +373,10 @@ class FreeCheck:
         return True
 
     def stays_in_parts(self, box: list[tuple[arb, arb]], within: Cells, splits: int) -> bool:
-        """As `stays`; where that fails, with finer tubes of parts of the box, halved so often."""
-        if self.stays(box, within, FREE_PIECES[0]):
+        """Whether `stays_in` holds, if need be with finer tubes of parts halved `splits` times."""
+        if self.stays_in(box, within, FREE_PIECES[0]):
             return True
-        tried = (partial(self.stays, within=within, pieces=n) for n in FREE_PIECES[1:])
+        tried = (partial(self.stays_in, within=within, pieces=n) for n in FREE_PIECES[1:])
         return splits > 0 and any(holds_in_parts(box, stays, splits) for stays in tried)
 
 
@@ -387,6 +387,6 @@ def cells_driven_out(
     grid = check.group.grid
 
     def attempt(at: Block) -> bool:
-        return check.stays_in_parts(grid.box(at), within, SPLITS if volume(at) == 1 else 0)
+        return check.stays_in_parts(grid.box(at), within, SPLITS if cell_count(at) == 1 else 0)
 
     return cells_uncovered(claimed, block, attempt, 4 * CELLS_AT_ONCE)

@@ -1,10 +1,10 @@
 """Chains of SC's periods and free phases of one group, and ends of a grid that no run crosses.
 
 Purpose: `sc_chain` makes a `Chain`, functions that enclose where SC leads a cell, period by period,
-with delays, jitter, errors and disturbances in it; `free_phase` encloses where any command leads it
-(docs/verification.md, section 3). `uncrossed_ends` finds
-the ends of axes that no run crosses, whatever is commanded; `points_inwards` asks whether no run
-leaves the grid of a group that no command moves.
+with delays, jitter, errors and disturbances in it; `phase_steps` encloses where any command leads
+it (docs/verification.md, section 3). `uncrossed_ends` finds the ends of axes that no run crosses,
+whatever is commanded; `is_grid_never_left` asks whether no run leaves the grid of a group that no
+command moves.
 Non-goals: steps of flows (`flow_chains.py`), of maps (`extras/maps.py`); which cells, and whether
 what comes out lies in a set (`group_claims.py`); ends that only SC keeps: chains show those.
 
@@ -16,12 +16,12 @@ before it were below at some t, it was at the end at some t_0 < t and below from
 = f_i(p(x), u, w) >= 0, so that x_i(t) >= x_i(t_0). There p does nothing: it solves x' = f(x, u, w),
 too, and solutions are unique (a linear flow is Lipschitz; for others a printed assumption). Where f
 jumps, a solution has any rate between those on both sides, whatever f is at the jump alone; so what
-touches a jump has all of these here (`on_both_sides` of `symbolic_operations.py`), and there is one
-that stays if from one side of all such ends together rates point inwards. Of x_i compared with the
-end itself that side is the strip outside: what is asked there holds up to the end. So a
-box that encloses the states of one step may be cut off at such an end, if what is left of it lies
-in a set of cells: whoever uses such a box checks that. Where all ends are of this kind the same
-holds of the whole grid, with no condition.
+touches a jump has all of these here (`widened_at_jump` of `symbolic_operations.py`), and there is
+one that stays if from one side of all such ends together rates point inwards. Of x_i compared with
+the end itself that side is the strip outside: what is asked there holds up to the end. So a box
+that encloses the states of one step may be cut off at such an end, if what is left of it lies in a
+set of cells: whoever uses such a box checks that. Where all ends are of this kind the same holds of
+the whole grid, with no condition.
 
 SC acts at a_0 = 0 and a_k in [k delta - p, k delta - p + j], on a sample taken at most d before.
 Every run has one p in [0, j]: how long after the beginning of its window a_0 was. For all p in a
@@ -47,7 +47,7 @@ from soter.certificate.cell_sets import holds_in_parts
 from soter.certificate.extras import extras
 from soter.certificate.grid.flow_chains import FlowChain, Times
 from soter.certificate.grid.flow_enclosures import LocalFlow, SolvedFlow
-from soter.certificate.reading.linear_flows import is_linear, linear_flow
+from soter.certificate.reading.linear_flows import has_linear_rates, linear_flow
 from soter.certificate.terms.linear_enclosures import exact
 from soter.certificate.terms.straight_line import Builder, Function, NotCertainError
 
@@ -67,9 +67,10 @@ SPLITS = 8
 """How often a side of the grid is halved along each axis."""
 STRIP = arb(2) ** -20
 """How wide the strip outside of an end is, as a part of its axis."""
+NANOSECOND = Fraction(1, 10**9)
 
 
-def points_inwards(model: CaseModel, states: Sequence[int]) -> bool:
+def is_grid_never_left(model: CaseModel, states: Sequence[int]) -> bool:
     """Whether no run leaves the grid of a group that no command moves; False where uncertain."""
     if model.facts.kind != "flow" or LocalFlow(model, states).moves:
         return False
@@ -77,10 +78,10 @@ def points_inwards(model: CaseModel, states: Sequence[int]) -> bool:
 
 
 def uncrossed_ends(model: CaseModel, members: Sequence[int]) -> Kept:
-    """For each state whether its lower and its upper end are never crossed; False: uncertain.
+    """For each state whether no run crosses the lower and the upper end of its axis.
 
-    An open end is taken not to be. Where K has cells at rest there are none: solutions may be
-    several, and one of them may cross an end at which another one stays.
+    False where this is uncertain, and, as solutions may branch, wherever K has cells at rest. An
+    open end is taken not to be crossed.
     """
     if model.facts.kind != "flow" or model.facts.at_rest:
         return [(False, False)] * len(members)
@@ -99,7 +100,7 @@ def uncrossed_ends(model: CaseModel, members: Sequence[int]) -> Kept:
 
 
 def _side_test(model: CaseModel, members: Sequence[int]) -> Test:
-    """The test of an end: over parts of the side, halved where it fails; then outside of it."""
+    """Makes the test of an end: on its side of the grid, in parts, and then on a strip outside."""
     flow = LocalFlow(model, members)
 
     def inwards(side: Side, i: int, sign: int) -> bool:
@@ -118,11 +119,11 @@ def _side_test(model: CaseModel, members: Sequence[int]) -> Test:
 
 
 def _moves_inwards(flow: LocalFlow, side: Side, i: int, sign: int, fixed: tuple[arb, arb]) -> bool:
-    """Whether state i moves up (`sign` 1) or down wherever it is in `fixed`, others in `side`."""
+    """Whether state i moves up (`sign` 1) or down where it is in `fixed`, others in `side`."""
 
     def holds(others: list[tuple[arb, arb]]) -> bool:
         try:
-            lines = flow.lines([*others[:i], fixed, *others[i:]], flow.ranges)
+            lines = flow.derivative_rows([*others[:i], fixed, *others[i:]], flow.ranges)
         except NotCertainError:
             return False
         low, high = flow.rates(lines)[i]
@@ -132,15 +133,12 @@ def _moves_inwards(flow: LocalFlow, side: Side, i: int, sign: int, fixed: tuple[
     return holds_in_parts(others, holds, SPLITS * len(others)) if others else holds([])
 
 
-NANOSECOND = Fraction(1, 10**9)
-
-
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """`first` takes the form of a cell, `later` that of the hold before; both give form and boxes.
+    """`first` leads the form of a cell over a hold, `later` a form over the next hold.
 
-    The boxes hold all states on the way: low, high, low, high, ..., flat. `last`: from the form
-    before the last switch to the boxes in which the switch may be; None: that of the form.
+    Both give a form and the boxes of all states on the way: low, high, low, high, ..., flat.
+    `last`: from the form before the last switch to the boxes of the switch; None: the form's box.
     """
 
     first: Step
@@ -150,10 +148,10 @@ class Chain:
 
 @dataclass(frozen=True)
 class Window:
-    """Runs with p in the `index`th of `count` equal parts of [0, j].
+    """The runs with p in the `index`th of `count` equal parts of [0, j].
 
-    Of these the ones whose first sample was taken as long before a_0 as the `age`th of `ages`
-    equal parts of [0, d] says: how far any command may have led since is then known better.
+    Of these the ones whose first sample was taken as long before a_0 as the `age`th of `ages` equal
+    parts of [0, d] says: how far any command may have led since is then known better.
     """
 
     index: int = 0
@@ -161,34 +159,34 @@ class Window:
     age: int = 0
     ages: int = 1
 
-    def ends(self, jitter: Fraction) -> tuple[Fraction, Fraction]:
-        """(e, l): a command acts from e before its nominal time until l after it."""
+    def early_and_late(self, jitter: Fraction) -> tuple[Fraction, Fraction]:
+        """(e, l) in s: how early, and how late, commands act relative to their nominal times."""
         first = jitter * self.index / self.count
         return first + jitter / self.count, jitter - first
 
-    def taken(self, delay: Fraction) -> tuple[Fraction, Fraction]:
-        """From when to when, relative to a_0, the first sample was taken."""
+    def sample_span(self, delay: Fraction) -> tuple[Fraction, Fraction]:
+        """The span, relative to a_0, in which the first sample was taken."""
         return -delay * (self.age + 1) / self.ages, -delay * self.age / self.ages
 
 
 EVERY = Window()
 
 
-def windows(
+def windows_of_runs(
     model: CaseModel, members: Sequence[int], count: int, *, by_age: bool = False
 ) -> tuple[Window, ...]:
-    """Windows that together hold all runs: `count` of them, one where no command acts late.
+    """Windows that together hold all runs: `count` of them, or one where no command acts late.
 
-    `by_age`: each of these in `count` parts, where a linear flow led from the first sample and all
-    that SC reads of it comes one way: what comes several ways may show several instants, and what a
-    node made of several topics too, where one of them may be silent.
+    `by_age`: each window in `count` parts, where a linear flow led from the first sample and all
+    that SC reads of it comes one way: several ways may show several instants, and so may a node
+    that makes one topic of several, if one of these may be silent.
     """
-    if model.facts.kind == "map" or model.facts.late_commands:
+    if model.facts.kind == "map" or model.facts.has_late_commands:
         return (EVERY,)
     counts = count if model.facts.jitter_ns else 1
     paths = [path for read in model.facts.setting.by_sc for path in read.paths]
     mixed = model.facts.setting.silent and any(path.clocks[1:] for path in paths)
-    by_age = by_age and len(paths) == 1 and not mixed and is_linear(model, members)
+    by_age = by_age and len(paths) == 1 and not mixed and has_linear_rates(model, members)
     ages = count if by_age and model.facts.delay_ns else 1
     return tuple(Window(k, counts, age, ages) for k in range(counts) for age in range(ages))
 
@@ -196,47 +194,46 @@ def windows(
 def sc_chain(
     model: CaseModel, members: Sequence[int], pieces: int, window: Window = EVERY
 ) -> Chain:
-    """The chain of a group; `pieces`: into so many times the least number each hold is cut."""
+    """Makes the chain of a group; `pieces`: into how many times the least steps a hold is cut."""
     if model.facts.kind == "map":
-        step = extras.maps.map_step(model, members)
+        step = extras.maps.map_steps_in_period(model, members)
         return Chain(step, step, None)
     facts = model.facts
     times_ns = facts.times["delta_ns"], facts.delay_ns, facts.jitter_ns
     delta, d, j = (t * NANOSECOND for t in times_ns)
-    times = Times(delta, d, *window.ends(j), window.taken(d))
-    if facts.late_commands:
+    times = Times(delta, d, *window.early_and_late(j), window.sample_span(d))
+    if facts.has_late_commands:
         times = Times(delta, facts.own.in_force * NANOSECOND, anew=True)
     chain = FlowChain(model, members, _flow_of_group(model, members), times)
-    cell, form = (chain.layout.length(fresh=fresh) for fresh in (True, False))
-    first = _form_step(chain, partial(chain.first, pieces), cell)
-    later = _form_step(chain, partial(chain.later, pieces), form)
-    return Chain(
-        first, later, _form_step(chain, partial(chain.last, pieces), form) if chain.span else None
-    )
+    cell, form = (chain.layout.form_length(fresh=fresh) for fresh in (True, False))
+    first = _form_step(chain, partial(chain.first_hold, pieces), cell)
+    later = _form_step(chain, partial(chain.later_hold, pieces), form)
+    last = _form_step(chain, partial(chain.last_switch, pieces), form) if chain.span else None
+    return Chain(first, later, last)
 
 
-def free_phase(
+def phase_steps(
     model: CaseModel, members: Sequence[int], time_ns: int, pieces: int
 ) -> tuple[Step, ...]:
-    """Functions over [0, time] of any commands, one after the other; of a map one per instant."""
+    """Functions that lead a form over [0, time] under any commands; a map's step each instant."""
     if model.facts.kind == "map":
-        steps: tuple[Step, ...] = extras.maps.map_free(model, members, time_ns)
+        steps: tuple[Step, ...] = extras.maps.map_phase(model, members, time_ns)
         return steps
     delta = model.facts.times["delta_ns"] * NANOSECOND
     chain = FlowChain(model, members, _flow_of_group(model, members), Times(delta))
-    free = partial(chain.free, time_ns * NANOSECOND, pieces)
-    return (_form_step(chain, free, chain.layout.length(fresh=True)),)
+    free = partial(chain.free_boxes, time_ns * NANOSECOND, pieces)
+    return (_form_step(chain, free, chain.layout.form_length(fresh=True)),)
 
 
 def _flow_of_group(model: CaseModel, members: Sequence[int]) -> LocalFlow | SolvedFlow:
     kept = uncrossed_ends(model, members)
-    if is_linear(model, members):
+    if has_linear_rates(model, members):
         return SolvedFlow(model, members, linear_flow(model, members), kept)
     return LocalFlow(model, members, kept)
 
 
 def _form_step(chain: FlowChain, image: Callable[[tuple[Any, ...]], Image], length: int) -> Step:
-    """A function of forms; compiled where the flow is solved once. `length`: of its form."""
+    """Makes a function of forms of this length, compiled where the flow is solved once for all."""
     if isinstance(chain.flow, LocalFlow):
         return partial(_image_of_balls, image)
     make = Builder()

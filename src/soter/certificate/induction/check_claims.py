@@ -21,7 +21,7 @@ from soter.certificate.case_check import (
 )
 from soter.certificate.induction.induction_problem import (
     TransitionSystem,
-    calendar_of,
+    actors_due,
     compare_entry,
     modes_of_others,
     read_induction,
@@ -35,7 +35,7 @@ from soter.certificate.report import (
     RecheckedModule,
     RejectedError,
 )
-from soter.certificate.scope import acknowledgement_assumption, identified_numbers
+from soter.certificate.scope import acknowledgement_assumption, fitted_number_assumptions
 from soter.certificate.vacuous_proofs import HOLDS_ANYWAY, READS_NOTHING
 from soter.language.check.constants_and_types import declared_ns
 from soter.language.evaluate.topic_ranges import truth_by_parts
@@ -63,7 +63,7 @@ RELEASES_MAX = 50_000
 def recheck_induction(
     flat: System, entry: dict[str, Any]
 ) -> tuple[InductionFacts, RecheckedModule]:
-    """Check one module's entry; RejectedError, NotRecheckedError where it is not confirmed."""
+    """Checks one module's entry; RejectedError, NotRecheckedError where it is not confirmed."""
     if set(entry) != set(KEYS):
         raise RejectedError("a module that is proved by induction is not as it should be")
     facts = read_induction(flat, entry["module"])
@@ -72,7 +72,7 @@ def recheck_induction(
         raise RejectedError("failsafe: an induction says nothing of plants, so of no law")
     k, returns = compare_entry(facts, entry["induction"])
     verdicts = dict(entry["claims"])
-    _compare_static(facts, verdicts)
+    _check_static_claims(facts, verdicts)
     if wanted := claims & set(TOGETHER):
         if k < 1:
             raise RejectedError("an induction needs a hypothesis: k is 0")
@@ -85,50 +85,51 @@ def recheck_induction(
     report = RecheckedModule(entry["module"], verdicts, system=flat.name)
     report.stays = bool(facts.symbol.stays)
     report.safe = " ".join(facts.symbol.safe.span.text.split())
-    report.assumptions = _assumptions(facts)
+    report.assumptions = _assumptions_of_induction(facts)
     report.times = {"hyperperiod_ns": facts.hyperperiod, "k": k, "returns": returns}
     report.confirmed = [c for c in CLAIMS if verdicts.get(c) == PROVED]
     report.vacuous, report.unseen = "", "nothing is claimed"
     if wanted:
-        report.vacuous, report.unseen = _vacuous(facts, rests_on)
+        report.vacuous, report.unseen = _why_vacuous(facts, rests_on)
     return facts, report
 
 
 def read_entry(flat: System, entry: dict[str, Any]) -> None:
-    """Read the code and the times of a module as for a check, and ask the solver nothing.
+    """Reads the code and the times of a module as a check does, and asks the solver nothing.
 
-    As `recheck_induction`.
+    Raises what `recheck_induction` does.
     """
     facts = read_induction(flat, entry["module"])
     k, _ = compare_entry(facts, entry["induction"])
     _require_affordable(facts, k + 1)
     for first in (True, False):
-        TransitionSystem(facts, first=first).run(facts.hyperperiod + 1)
+        TransitionSystem(facts, first=first).run_until(facts.hyperperiod + 1)
 
 
-def _compare_static(facts: InductionFacts, verdicts: dict[str, str]) -> None:
-    """Compare P1a, P1b, P1c and the latch with the program; RejectedError if they overstate."""
+def _check_static_claims(facts: InductionFacts, verdicts: dict[str, str]) -> None:
+    """Compares P1a, P1b, P1c with the program; RejectedError where a claim overstates it."""
     check_module_claims(facts.flying, facts.flying_module, verdicts)
     if verdicts.get("P1c") == PROVED and facts.undeclared:
         raise RejectedError("P1c rests on times that are not declared: it is assumed, not proved")
 
 
 def _show_induction(facts: InductionFacts, k: int) -> int:
-    """Show each instant of a hyperperiod from those before it, then the start of a run.
+    """Shows each instant of a hyperperiod from those before it, then the start of a run.
 
-    Returns how many hyperperiods of hypothesis are enough, k at most: a greater k costs nothing.
+    Gives how many hyperperiods of hypothesis are enough, at most k: a greater k costs nothing.
     """
     _require_affordable(facts, k + 1)
-    times = sorted(calendar_of(facts, (k + 1) * facts.hyperperiod))
-    rests_on = max(_time_before(facts, at, times) for at in times if at >= k * facts.hyperperiod)
+    times = sorted(actors_due(facts, (k + 1) * facts.hyperperiod))
+    late = [at for at in times if at >= k * facts.hyperperiod]
+    rests_on = max(_hypothesis_time(facts, at, times) for at in late)
     run = TransitionSystem(facts, first=True)
-    run.run(facts.settled + min(rests_on, k * facts.hyperperiod))
+    run.run_until(facts.settled_at + min(rests_on, k * facts.hyperperiod))
     _require_unsat(_ask_failure(facts, _new_solver(run), run.instants), "the first hyperperiods")
     return min(-(-rests_on // facts.hyperperiod), k)
 
 
 def _require_affordable(facts: InductionFacts, turns: int) -> None:
-    """NotRecheckedError where so many hyperperiods have more releases than are gone through."""
+    """NotRecheckedError where so many hyperperiods have more than `RELEASES_MAX` releases."""
     longest = max(c.phase_ns + c.period_ns for c in facts.actors)
     end = turns * facts.hyperperiod + 2 * longest
     count = sum(end // c.period_ns for c in facts.actors)
@@ -138,17 +139,17 @@ def _require_affordable(facts: InductionFacts, turns: int) -> None:
         )
 
 
-def _time_before(facts: InductionFacts, at: int, times: list[int]) -> int:
-    """The time (ns) before an instant in which all must have held for it to hold then, too.
+def _hypothesis_time(facts: InductionFacts, at: int, times: list[int]) -> int:
+    """How long (ns) everything must have held before an instant so that it holds then, too.
 
-    A few instants at first, from any state at all: what follows from them follows from more.
+    At first a few instants are tried, from any state: what follows from few follows from more.
     """
     before = [0, *(b for b in times if 0 < b < at)]
     many = 1
     while True:
         begin = before[max(len(before) - many, 0)]
         run = TransitionSystem(facts, first=False, begin=begin)
-        run.run(at + 1)
+        run.run_until(at + 1)
         last = begin == 0
         solver = _new_solver(run)
         solver.add(*[i.holds for i in run.instants[:-1]])
@@ -168,18 +169,18 @@ def _ask_failure(
 
 
 def _ask_solver(facts: InductionFacts, solver: z3.Solver, work: int) -> z3.CheckSatResult:
-    """Ask the solver, with at most `work`; all queries together have `WORK_OF_ALL`."""
+    """Asks the solver, with at most `work`; all queries together have `WORK_OF_ALL`."""
     if facts.work >= WORK_OF_ALL:
         raise NotRecheckedError("the solver needs more work than is done")
-    before = _work_of(solver)
+    before = _work_count(solver)
     solver.set("rlimit", min(work, WORK_OF_ALL - facts.work))
     verdict = ask_solver(solver)
-    facts.work += max(_work_of(solver) - before, 0)
+    facts.work += max(_work_count(solver) - before, 0)
     return verdict
 
 
-def _work_of(solver: z3.Solver) -> int:
-    """The solver's own count of its work, of all solvers since the process began."""
+def _work_count(solver: z3.Solver) -> int:
+    """The solver's count of its work, of all solvers since the process began."""
     count: int = dict(iter(solver.statistics())).get("rlimit count", 0)
     return count
 
@@ -194,15 +195,15 @@ def _show_return(facts: InductionFacts, turns: int, recover_ns: object) -> None:
         raise RejectedError("P2b: SC gives control back later than `recover within` says")
     _require_affordable(facts, turns)
     run = TransitionSystem(facts, first=False, fresh=True)
-    run.run(turns * facts.hyperperiod)
+    run.run_until(turns * facts.hyperperiod)
     solver = _new_solver(run)
     solver.add(*[i.holds for i in run.instants])
     solver.add(*[one_of(negation(d.turn), d.stays) for d in run.decisions])
     _require_unsat(_ask_solver(facts, solver, WORK), "P2b")
 
 
-def _vacuous(facts: InductionFacts, k: int) -> tuple[str, str]:
-    """(why no decision gives AC control, or leaves it there; why that was not looked at), or "".
+def _why_vacuous(facts: InductionFacts, k: int) -> tuple[str, str]:
+    """Why no decision gives AC control, or leaves it there; why that was not looked at; else "".
 
     As everything holds at every instant, each decision of a run is one of the first hyperperiods,
     or one after k others.
@@ -214,17 +215,17 @@ def _vacuous(facts: InductionFacts, k: int) -> tuple[str, str]:
     last = max(c.phase_ns + c.period_ns for c in facts.actors)
     ends = (
         (False, (k + 1) * facts.hyperperiod),
-        (True, facts.settled + k * facts.hyperperiod + last),
+        (True, facts.settled_at + k * facts.hyperperiod + last),
     )
-    for text, of in ((GETS, attrgetter("gets")), (KEEPS, attrgetter("keeps"))):
+    for text, kind in ((GETS, attrgetter("gets")), (KEEPS, attrgetter("keeps"))):
         answers = set()
         for first, end in ends:
             run = TransitionSystem(facts, first=first)
-            run.run(end)
+            run.run_until(end)
             solver = _new_solver(run)
             solver.add(*[i.holds for i in run.instants[:-1]])
             since = 0 if first else k * facts.hyperperiod
-            solver.add(one_of(*[both(d.turn, of(d)) for d in run.decisions if d.at >= since]))
+            solver.add(one_of(*[both(d.turn, kind(d)) for d in run.decisions if d.at >= since]))
             answers.add(str(_ask_solver(facts, solver, WORK // 10)))
             if "sat" in answers:
                 break
@@ -249,7 +250,7 @@ def _require_unsat(answer: z3.CheckSatResult, claim: str) -> None:
         raise NotRecheckedError(f"{claim}: the solver does not decide it")
 
 
-def _assumptions(facts: InductionFacts) -> list[RecheckAssumption]:
+def _assumptions_of_induction(facts: InductionFacts) -> list[RecheckAssumption]:
     flying, module = facts.flying, facts.flying_module
     ac = flying.components[module.ac].name
     stated = [
@@ -258,7 +259,7 @@ def _assumptions(facts: InductionFacts) -> list[RecheckAssumption]:
         *((key, in_words(key)) for key in ("fresh", "z3", "machine")),
     ]
     stated += acknowledgement_assumption(facts.symbol)
-    stated += identified_numbers(facts)
+    stated += fitted_number_assumptions(facts)
     if facts.latching:
         text = (
             "a step that faults in what is opaque latches its node: `safe` holds all the same, "

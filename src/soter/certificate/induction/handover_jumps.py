@@ -1,9 +1,10 @@
 """The node part of a hand-over: a view's state jumps only in steps of which `enters` holds.
 
-Purpose: `why_not_shown` asks z3, for one topic that the map of a view reads, of any two steps in a
-row of the node that publishes it, and of its very first step (proof-sets.md, "Hand-over"): either
-it publishes what the map reads as it did last, or `enters` holds of what the later step reads and
-publishes, and that step publishes all by which the decision module and SC know of the view.
+Purpose: `why_jumps_not_shown` asks z3, for one topic that the map of a view reads, of any two steps
+in a row of the node that publishes it, and of its very first step (proof-sets.md, "Hand-over"):
+either it publishes what the map reads as it did last, or `enters` holds of what the later step
+reads and publishes, and that step publishes all by which the decision module and SC know of the
+view.
 Non-goals: that the state lies in R(H) wherever `enters` holds (`handovers.py`).
 
 Of the locals before the first of the two steps nothing is taken for granted, nor of what any step
@@ -27,7 +28,7 @@ from soter.certificate.induction.solver_values import (
     unknown_value,
     value_as_terms,
 )
-from soter.certificate.reading.symbolic_reading import part_of
+from soter.certificate.reading.symbolic_reading import part_type
 from soter.certificate.report import NotRecheckedError
 from soter.language.model import typed
 from soter.language.model.tree_walk import children
@@ -55,12 +56,12 @@ by itself, as one with `time`, an age or a mode does."""
 
 
 @ctrl_c_waits()
-def why_not_shown(
+def why_jumps_not_shown(
     facts: Facts, link: typed.AbstractionLink, topic: typed.TopicSymbol
 ) -> tuple[str, str]:
-    """The node that publishes a topic, and why nothing is shown of it; "" where it is shown.
+    """The node that publishes a topic, and why its jumps are not shown to be right; else "".
 
-    NotRecheckedError for what is not understood.
+    NotRecheckedError for a construct that is not understood.
     """
     if not all(isinstance(n, IN_A_MAP) for n in parts_of([link.value])):
         return "", f"the map of {link.name} reads more than plants and topics"
@@ -78,17 +79,17 @@ def why_not_shown(
         if [w.index for w in _writers(facts, index)] != [c.index]:
             name = facts.flying.topics[index].name
             return c.name, f"{name}, which shows the view, is not published by {c.name} alone"
-    paths = list(dict.fromkeys(_paths(link.value, topic)))
+    paths = list(dict.fromkeys(_paths_read(link.value, topic)))
     if not paths:
         return c.name, f"the map of {link.name} is not read here"
-    return c.name, _Steps(facts, c).fail(at, paths, shown)
+    return c.name, _Steps(facts, c).why_step_fails(at, paths, shown)
 
 
 # ---------------------------------------------------------------- who publishes
 
 
 def _topic_index(facts: Facts, topic: typed.TopicSymbol) -> int:
-    """The one topic of the system that runs which a name of the map means; -1: there is no such."""
+    """The number of the running topic that a name in the map means; -1 if none, or several."""
     flat_ = facts.flying
     scopes = [c.scope for c in flat_.components] + [m.scope for m in flat_.modules]
     indices = {s.topics[topic] for s in scopes if topic in s.topics}
@@ -97,13 +98,13 @@ def _topic_index(facts: Facts, topic: typed.TopicSymbol) -> int:
 
 
 def _writers(facts: Facts, index: int) -> list[Component]:
-    """Nodes, controllers and plants that may publish a topic."""
+    """The nodes, controllers and plants that may publish a topic."""
     return [c for c in facts.flying.components if index in c.writes]
 
 
-def _is_plain(c: Component) -> bool:
-    own = c.role == "node" and not c.extern and c.stands_for is None
-    return own and c.node is not None and c.node.takeover is None
+def _is_plain_node(c: Component) -> bool:
+    is_node = c.role == "node" and not c.extern and c.stands_for is None
+    return is_node and c.node is not None and c.node.takeover is None
 
 
 def _why_unsuited(facts: Facts, c: Component, index: int) -> str:
@@ -113,7 +114,7 @@ def _why_unsuited(facts: Facts, c: Component, index: int) -> str:
     drawn = {d.topic for d in facts.flying.inputs}
     if index in drawn or facts.flying.topics[index].symbol.input:
         return "it is drawn as an input, too"
-    if not _is_plain(c):
+    if not _is_plain_node(c):
         return f"{c.name} is no plain node"
     if node.bursts or len(set(published)) < len(published):
         return f"{c.name} does not publish one value a step"
@@ -127,7 +128,7 @@ def _why_unsuited(facts: Facts, c: Component, index: int) -> str:
 
 
 def _shown_topics(facts: Facts) -> list[int]:
-    """The topics that plants of the view drive and the decision module or SC reads, as they run."""
+    """The running topics that plants of the view drive and that the decision module or SC reads."""
     module = facts.flying_module
     scopes = (module.scope.topics, facts.flying.components[module.sc].scope.topics)
     topics = []
@@ -137,16 +138,16 @@ def _shown_topics(facts: Facts) -> list[int]:
     return list(dict.fromkeys(topics))
 
 
-def _paths(e: object, topic: typed.TopicSymbol, path: Path = ()) -> Iterator[Path]:
-    """The parts of a topic that an expression reads; () is all of it."""
+def _paths_read(e: object, topic: typed.TopicSymbol, path: Path = ()) -> Iterator[Path]:
+    """The paths of a topic's parts that an expression reads; () is the path of all of it."""
     if isinstance(e, typed.TypedField):
-        yield from _paths(e.target, topic, (e.index, *path))
+        yield from _paths_read(e.target, topic, (e.index, *path))
     elif isinstance(e, typed.TopicRead):
         if e.topic is topic:
             yield path
     else:
         for part in children(e):
-            yield from _paths(part, topic)
+            yield from _paths_read(part, topic)
 
 
 # ---------------------------------------------------------------- two steps in a row
@@ -163,25 +164,25 @@ class _Step:
 
 
 class _Steps:
-    """Makes terms of the steps of a node, and asks the solver about two of them in a row."""
+    """Makes terms of the steps of a node, and asks the solver about two steps in a row."""
 
     def __init__(self, facts: Facts, c: Component) -> None:
         assert facts.whole is not None
         self.facts, self.c, self.whole = facts, c, facts.whole
         self.known: list[Term] = []
 
-    def fail(self, index: int, paths: Sequence[Path], shown: Sequence[int]) -> str:
-        """Why a step may change a topic where it must not; "" where none does."""
+    def why_step_fails(self, index: int, paths: Sequence[Path], shown: Sequence[int]) -> str:
+        """Why a step may change a topic where it must not; "" where no step does."""
         node, topic = self.c.node, self.facts.flying.topics[index]
         assert node is not None
         anything = [unknown_value(v.type, v.name, self.known) for v in node.locals]
         pairs = zip(node.locals, self.c.initial, strict=True)
         initial = [value_as_terms(v.type, value, self.known) for v, value in pairs]
         default = value_as_terms(topic.type, topic.default, self.known)
-        before = self._step(anything)
+        before = self._run_step(anything)
         for text, last, fault, step in (
-            ("the first step", (True, default), False, self._step(initial)),
-            ("a step", before.said.get(index), before.fault, self._step(before.behind)),
+            ("the first step", (True, default), False, self._run_step(initial)),
+            ("a step", before.said.get(index), before.fault, self._run_step(before.behind)),
         ):
             bad = self._is_wrong_step(topic, paths, shown, last, step)
             if not self._is_impossible(both(negation(fault), bad)):
@@ -199,7 +200,7 @@ class _Steps:
         last: tuple[Term, Term] | None,
         step: _Step,
     ) -> Term:
-        """The term that a step publishes another value than the last one did, where it must not."""
+        """The term that a step publishes another value than the last step, where it must not."""
         if topic.index not in step.said:
             return False
         says, value = step.said[topic.index]
@@ -234,20 +235,20 @@ class _Steps:
             self.known.append(term >= 0)
             return term
 
-        own = self.facts.flying_module.index
-        return VisibleValues(scope, topic, age, mode, own, in_control=True, facts=self.known)
+        index = self.facts.flying_module.index
+        return VisibleValues(scope, topic, age, mode, index, in_control=True, facts=self.known)
 
-    def _step(self, before: Sequence[Term]) -> _Step:
+    def _run_step(self, before: Sequence[Term]) -> _Step:
         assert self.c.node is not None
         read: dict[int, Term] = {}
         sight = self._visible_values(self.c.scope, read, unknown_value(MODE, "mode", self.known))
         reading = SolverReading(sight, deep=True)
-        behind, published = reading.step(self.c.node, before)
+        behind, published = reading.run_step(self.c.node, before)
         out = {self.c.scope.topics[t]: value for t, value in published.items()}
         return _Step(behind, out, one_of(reading.operations.fault, reading.operations.doubt), read)
 
     def _enters_term(self, step: _Step) -> Term:
-        """Whether `enters` holds of what a step reads and publishes."""
+        """The term that `enters` holds of what a step reads and publishes, without a fault."""
         enters = self.whole.verify.enters
         assert enters is not None
         seen = dict(step.read)
@@ -256,12 +257,12 @@ class _Steps:
             seen[i] = choose(says, value, unknown_value(t, "before", self.known))
         scope = self.facts.flying_module.scope
         sight = self._visible_values(scope, seen, unknown_value(MODE, "mode", self.known))
-        value, fault = SolverReading(sight, deep=True).truth(enters)
+        value, fault = SolverReading(sight, deep=True).truth_and_fault(enters)
         return both(value, negation(fault))
 
 
 def _is_same_part(a: Term, b: Term, t: Type, path: Path) -> Term:
-    """Whether a part of two values of a type is the same."""
+    """The term that a part of two values of a type is the same."""
     for k in path:
-        a, b, t = a[k], b[k], part_of(t, k)
+        a, b, t = a[k], b[k], part_type(t, k)
     return both(*(x == y for x, y in zip(leaf_terms(a), leaf_terms(b), strict=True)))

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import z3
 
 from soter.certificate.extras.sc_locals_and_modes import modes_in
-from soter.certificate.extras.thread_times import delayed_in_thread
+from soter.certificate.extras.thread_times import first_delayed_in_thread
 from soter.certificate.induction.solver_reading import SolverReading, VisibleValues
 from soter.certificate.induction.solver_values import (
     Elapsed,
@@ -48,8 +48,9 @@ if TYPE_CHECKING:
     from soter.language.model.system import Component, Module, System
 
 
-ROLES = ("dm", "sc", "ac", "node")
 REFUSED = "groups", "abstracts", "commands", "core", "horizon", "levels", "acts", "dropout", "age"
+IN_SC, IN_AC = 0, 1
+UNPUBLISHED = -(2**62)
 
 
 @dataclass(eq=False)
@@ -76,17 +77,17 @@ class InductionFacts:
 
     @property
     def hyperperiod(self) -> int:
-        """The hyperperiod in ns: after so long all releases come again."""
+        """The hyperperiod in ns, after which all releases come again."""
         return lcm(*(c.period_ns for c in self.actors))
 
     @property
-    def settled(self) -> int:
-        """The first begin of a hyperperiod, in ns, by which everybody was released once."""
+    def settled_at(self) -> int:
+        """The first beginning of a hyperperiod, in ns, by which every actor was released once."""
         return -(-max(c.phase_ns for c in self.actors) // self.hyperperiod) * self.hyperperiod
 
 
 def read_induction(flat: System, name: str) -> InductionFacts:
-    """RejectedError where there is no such module, NotRecheckedError where it is not for this."""
+    """Reads a module's problem; RejectedError, NotRecheckedError where it is none, or unknown."""
     matches = [m for m in flat.modules if m.name == name]
     if len(matches) != 1:
         raise RejectedError(f"system `{flat.name}` has no module `{name}`")
@@ -105,7 +106,7 @@ def read_induction(flat: System, name: str) -> InductionFacts:
 
 
 def _enter_actors(facts: InductionFacts) -> None:
-    """Enter as actors DM, AC, SC, and each node that publishes what is read and can be followed."""
+    """Enters as actors DM, AC, SC, and each node whose topics are read and that can be followed."""
     flat, module, symbol = facts.flying, facts.flying_module, facts.symbol
     facts.actors = [flat.components[i] for i in (module.dm, module.ac, module.sc)]
     scope = module.scope.topics
@@ -134,32 +135,29 @@ def _published_topics(actors: list[Component]) -> list[int]:
 
 
 def _is_followable(c: Component) -> bool:
-    """A node of Soter code that publishes one value a step: any other may publish anything."""
+    """Whether a node is Soter source and publishes one value a step; others do anything."""
     assert c.node is not None
     return not c.extern and not c.node.bursts and len(modes_in(c.node.step)) < 2
 
 
 def _require_one_publisher(facts: InductionFacts, index: int) -> None:
     flat = facts.flying
-    for c in flat.components:
-        if c not in facts.actors and index in c.writes:
-            raise NotRecheckedError(f"`{flat.topics[index].name}` has a second publisher")
-    if index in {d.topic for d in flat.inputs}:
-        raise NotRecheckedError(f"`{flat.topics[index].name}` is drawn as an input, too")
+    assert all(c in facts.actors or index not in c.writes for c in flat.components)  # else M004
+    assert index not in {d.topic for d in flat.inputs}  # else M011
 
 
 def modes_of_others(facts: InductionFacts) -> list[str]:
-    """Modules whose modes the actors and the module's predicates read."""
-    flat, own = facts.flying, facts.flying_module
+    """The names of other modules whose modes the actors and the module's predicates read."""
+    flat, module = facts.flying, facts.flying_module
     asked: list[tuple[Any, Sequence[object]]]
-    asked = [(own.scope, (facts.symbol.ttf, facts.symbol.safer))]
+    asked = [(module.scope, (facts.symbol.ttf, facts.symbol.safer))]
     asked += [(c.scope, c.node.step) for c in facts.actors if c.node and c.role != "ac"]
-    read = {scope.modules.get(m, own.index) for scope, code in asked for m in modes_in(code)}
-    return [flat.modules[i].name for i in sorted(read - {own.index})]
+    read = {scope.modules.get(m, module.index) for scope, code in asked for m in modes_in(code)}
+    return [flat.modules[i].name for i in sorted(read - {module.index})]
 
 
-def _without_times(facts: InductionFacts, *groups: Iterable[str]) -> bool:
-    """Whether the program leaves out one of the times of some AC or node."""
+def _lacks_times(facts: InductionFacts, *groups: Iterable[str]) -> bool:
+    """Whether the program declares no lateness, or no response, of an AC or a node."""
     for c in facts.actors:
         names = {c.name, c.name.rpartition(".")[2], c.node.name if c.node else c.name}
         if c.role in ("ac", "node") and any(names.isdisjoint(word) for word in groups):
@@ -177,23 +175,20 @@ def _check_times(facts: InductionFacts) -> None:
     if any(c.wcet_ns is not None for c in facts.flying.components):
         raise NotRecheckedError("declared execution times: not rechecked yet beside an induction")
     late = any(c.jitter_ns for c in facts.flying.components)
-    if late and (who := delayed_in_thread(facts.flying, facts.actors)):
+    if late and (who := first_delayed_in_thread(facts.flying, facts.actors)):
         raise NotRecheckedError(f"releases that are late (`jitter`), and with them `{who}`")
     if any(c.takes_ns is not None for c in facts.actors):
         raise NotRecheckedError("steps that are late, or take time: not rechecked yet")
-    facts.undeclared |= _without_times(facts, verify.late_of, verify.response_of)
-    for c in facts.actors:
-        if c.role not in ROLES:
-            raise NotRecheckedError(f"`{c.name}` is a {c.role}")
+    facts.undeclared |= _lacks_times(facts, verify.late_of, verify.response_of)
 
 
 # ---------------------------------------------------------------- the certificate
 
 
 def _leave_out_nodes(facts: InductionFacts, followed: object) -> None:
-    """Leave out nodes beside the module that a certificate does without.
+    """Leaves out nodes beside the module that a certificate does without.
 
-    What they publish may then be anything of its set, at any time: more executions are shown safe.
+    Their topics may then hold any value of their sets at any time: more executions are shown safe.
     """
     if not isinstance(followed, dict):
         raise RejectedError("`clocks` are not as they should be")
@@ -202,7 +197,7 @@ def _leave_out_nodes(facts: InductionFacts, followed: object) -> None:
 
 
 def compare_entry(facts: InductionFacts, induction: Any) -> tuple[int, int]:  # noqa: ANN401 - any JSON
-    """K and the hyperperiods of P2b; RejectedError where a figure is another in the program."""
+    """(k, hyperperiods of P2b) of an entry; RejectedError where a figure differs in the program."""
     names = ("k", "returns", "hyperperiod_ns", "lemmas", "progress", "latching", "clocks")
     if not isinstance(induction, dict) or set(induction) != set(names):
         raise RejectedError("`induction` is not as it should be")
@@ -229,8 +224,6 @@ Term = Any
 State = dict[Any, Term]
 """The state between two steps: by index under "topic", "stamp" (absolute times), "locals", "had"
 and "latched"; "mode"; and "faulted": whether some step did."""
-IN_SC, IN_AC = 0, 1
-UNPUBLISHED = -(2**62)
 
 
 @dataclass(frozen=True)
@@ -253,10 +246,10 @@ class Decision:
     keeps: Term
 
 
-def calendar_of(
+def actors_due(
     facts: InductionFacts, end: int, *, first: bool = False
 ) -> dict[int, list[Component]]:
-    """Time -> components due, up to `end`; `first`: from a run's start, else a later turn's."""
+    """Time -> the actors due then, before `end`; `first`: from a run's start, or later on."""
     components_by_time: dict[int, list[Component]] = {}
     for c in facts.actors:
         for at in range(c.phase_ns if first else c.phase_ns % c.period_ns, end, c.period_ns):
@@ -279,9 +272,9 @@ class TransitionSystem:
         self.constraints: list[Term] = []
         self.instants: list[Instant] = []
         self.decisions: list[Decision] = []
-        self.now = self._start()
+        self.now = self._initial_state()
 
-    def _start(self) -> State:
+    def _initial_state(self) -> State:
         facts, flying, known = self.facts, self.facts.flying, self.constraints
         state: State = {"mode": IN_SC if self.first else unknown_value(MODE, "mode", known)}
         state["faulted"] = False
@@ -307,7 +300,7 @@ class TransitionSystem:
         return state
 
     def _any_value(self, i: int) -> Term:
-        """Any value of the set of a topic."""
+        """An unknown value of the set of a topic."""
         topic = self.facts.flying.topics[i]
         value = unknown_value(topic.type, topic.name, self.constraints)
         self.constraints.append(within_bounds(value, topic.type, topic.bounds))
@@ -315,10 +308,10 @@ class TransitionSystem:
 
     # ------------------------------------------------------------ time
 
-    def run(self, end: int) -> None:
-        """Run every instant before `end` (ns), and record what holds and what the DM decides."""
+    def run_until(self, end: int) -> None:
+        """Runs every instant before `end` (ns), and records what holds and what the DM decides."""
         longest = max(c.period_ns + c.phase_ns for c in self.facts.actors)
-        calendar = calendar_of(self.facts, end + longest, first=self.first)
+        calendar = actors_due(self.facts, end + longest, first=self.first)
         times = sorted(calendar)
         if self.first:
             self._check_time_before_first(times[0])
@@ -327,14 +320,14 @@ class TransitionSystem:
                 self._step_at_instant(at, calendar[at], following)
 
     def _check_time_before_first(self, first: int) -> None:
-        """Judge the time before `first` if components that are not followed may step in it."""
+        """Records the time before `first` as an instant, if others than actors may step in it."""
         others = [c.phase_ns for c in self.facts.flying.components]
         others += [0 for _ in self.facts.flying.inputs]
         if min(others) < first:
             self._record_instant(0, first)
 
     def _step_at_instant(self, at: int, due: list[Component], following: int) -> None:
-        """Let each component that is due make one step, in any order, and record what holds."""
+        """Lets each component that is due make one step, in any order, and records what holds."""
         raise_if_interrupted()
         turns = []
         for _ in due:
@@ -351,7 +344,7 @@ class TransitionSystem:
         self._record_instant(at, following)
 
     def _name_parts(self, value: Term) -> Term:
-        """Give each part of a state that is no constant yet a name, so that terms stay small."""
+        """Gives each part of a state that is no constant yet a name, so that terms stay small."""
         if isinstance(value, tuple):
             return tuple(self._name_parts(v) for v in value)
         value = as_term(value) if isinstance(value, Elapsed) else value
@@ -390,8 +383,8 @@ class TransitionSystem:
             self.constraints.append(ns >= 0)
             return ns
 
-        own = self.facts.flying_module.index
-        return VisibleValues(c.scope, topic, age, now["mode"], own, on, self.constraints)
+        index = self.facts.flying_module.index
+        return VisibleValues(c.scope, topic, age, now["mode"], index, on, self.constraints)
 
     def _step_of_dm(self, at: int, turn: Term) -> State:
         dm, symbol, module = self.facts.dm, self.facts.symbol, self.facts.flying_module
@@ -399,8 +392,8 @@ class TransitionSystem:
         assert symbol.safer is not None
         sight = self._visible_values(dm, at, on=True)
         looked_at = maybe_nan(self.facts.flying, module)
-        ttf, unsure = SolverReading(sight, looked_at=looked_at).truth(symbol.ttf)
-        safer, doubtful = SolverReading(sight, looked_at=looked_at).truth(symbol.safer)
+        ttf, unsure = SolverReading(sight, looked_at=looked_at).truth_and_fault(symbol.ttf)
+        safer, doubtful = SolverReading(sight, looked_at=looked_at).truth_and_fault(symbol.safer)
         limits = [(i, self.facts.flying.topics[i].max_age_ns) for i in module.inputs]
         old = one_of(*(sight.age(i) > limit for i, limit in limits if limit is not None))
         refused, owed = z3.FreshBool("refused"), z3.FreshBool("owed")
@@ -415,7 +408,7 @@ class TransitionSystem:
         return {**self.now, "mode": mode}
 
     def _step_of_ac(self, c: Component, at: int, on: Term) -> State:
-        """AC: each of its topics, or not, any value of the set."""
+        """The state after a step of AC, which may publish any value of a topic, or none."""
         assert c.node is not None
         after = dict(self.now)
         for symbol in c.node.publishes:
@@ -424,13 +417,13 @@ class TransitionSystem:
         return after
 
     def _step_of_code(self, c: Component, at: int, on: Term) -> State:
-        """SC or a node: its statements."""
+        """The state after a step of SC or a node, by its statements."""
         now, flying, node = self.now, self.facts.flying, c.node
         assert node is not None
         reading = SolverReading(self._visible_values(c, at, on))
         before = now["locals", c.index]
         taken = both(on, negation(now["had", c.index]))
-        behind, published = reading.step(node, before, taken)
+        behind, published = reading.run_step(node, before, taken)
         fault, doubt = reading.operations.fault, reading.operations.doubt
         for symbol, (flag, value) in published.items():
             topic = flying.topics[c.scope.topics[symbol]]
@@ -449,8 +442,8 @@ class TransitionSystem:
             i = c.scope.topics[symbol]
             flag, value = published.get(symbol, (False, after["topic", i]))
             if i in c.failsafe:
-                own = value_as_terms(flying.topics[i].type, c.failsafe[i], self.constraints)
-                value = choose(gone, own, value)
+                fallback = value_as_terms(flying.topics[i].type, c.failsafe[i], self.constraints)
+                value = choose(gone, fallback, value)
             _publish(after, i, both(on, choose(gone, i in c.failsafe, flag)), value, at)
         after["locals", c.index] = choose(gone, before, behind)
         after["had", c.index] = choose(gone, now["had", c.index], on)
@@ -463,7 +456,7 @@ class TransitionSystem:
         symbol, dm = self.facts.symbol, self.facts.dm
 
         def holds(e: typed.TypedExpr, now: Term) -> Term:
-            value, fault = SolverReading(self._visible_values(dm, now, on=True)).truth(e)
+            value, fault = SolverReading(self._visible_values(dm, now, on=True)).truth_and_fault(e)
             return both(value, negation(fault))
 
         safe = holds(symbol.safe, at)

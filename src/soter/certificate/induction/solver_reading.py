@@ -27,17 +27,17 @@ from soter.certificate.induction.solver_values import (
     calls_extern,
     choose,
     element,
-    length,
+    element_count,
     negation,
     one_of,
-    parts_of_value,
+    part_types,
     reads_body,
     unknown_value,
     unread_result,
     value_as_terms,
 )
 from soter.certificate.reading.symbolic_operations import BUILTINS, COMPARED, FLOATS, INTS
-from soter.certificate.reading.symbolic_reading import CallFrame, CodeReader, part_of
+from soter.certificate.reading.symbolic_reading import CallFrame, CodeReader, part_type
 from soter.certificate.reading.symbolic_values import in_range, is_known, scalar_leaves
 from soter.certificate.report import NotRecheckedError
 from soter.language.evaluate import arithmetic
@@ -70,15 +70,15 @@ class SolverOperations:
         """The term that a function which is not read faults, or compares a NaN."""
 
     def add_obligation(self, truth: Term) -> None:
-        """Enter that the step faults where the code being read runs and `truth` does not hold."""
+        """Notes that the step faults where the code being read runs and `truth` does not hold."""
         self.fault = one_of(self.fault, both(self.path, negation(truth)))
 
-    def suspect(self, doubt: Term) -> None:
-        """Enter that the step may fault where the code being read runs and `doubt` holds."""
+    def add_doubt(self, doubt: Term) -> None:
+        """Notes that the step may fault where the code being read runs and `doubt` holds."""
         self.doubt = one_of(self.doubt, both(self.path, doubt))
 
     def join(self, of: Type, c: Term, a: Term, b: Term) -> Term:
-        """`c ? a : b`."""
+        """The term `c ? a : b`."""
         return choose(c, value_as_terms(of, a, self.facts), value_as_terms(of, b, self.facts))
 
     def negate(self, x: Term) -> Term:
@@ -101,7 +101,7 @@ class SolverOperations:
         return COMPARED[op](a, b)
 
     def arithmetic(self, op: str, a: Term, b: Term) -> Term:
-        """`+ - * / %` of scalars; NotRecheckedError for a division by what is not known."""
+        """`a op b` of scalars for `+ - * / %`; NotRecheckedError for a division by an unknown."""
         if is_known(a) and is_known(b):
             return INTS[op](a, b) if isinstance(a, int) else FLOATS[op](a, b)
         if is_float(a) or is_float(b):
@@ -125,16 +125,16 @@ class SolverOperations:
             self.add_obligation(a != SMALLEST)
         return q
 
-    def extreme(self, name: str, a: Term, b: Term) -> Term:
-        """`min` or `max` of two scalars."""
+    def min_or_max(self, name: str, a: Term, b: Term) -> Term:
+        """`min` or `max` of two scalars, as `name` says."""
         if is_known(a) and is_known(b):
             return arithmetic.minimum(a, b) if name == "min" else arithmetic.maximum(a, b)
         if is_float(a) or is_float(b):
             return unread_result(f"built in {name}", [a, b], FloatType(), self.facts)
         return z3.If(b < a if name == "min" else b > a, as_term(b), as_term(a))
 
-    def builtin(self, name: str, x: Term) -> Term:
-        """A built-in function of one scalar; NotRecheckedError for a float that becomes an int."""
+    def result_of_builtin(self, name: str, x: Term) -> Term:
+        """The result of a built-in function of a scalar; NotRecheckedError for `int` of a float."""
         if is_known(x):
             return BUILTINS[name](x)
         if name == "abs" and not is_float(x):
@@ -145,7 +145,7 @@ class SolverOperations:
         return unread_result(f"built in {name}", [x], FloatType(), self.facts)
 
     def narrow(self, x: Term, low: int, high: int) -> Term:
-        """`x`, which faults unless it lies between `low` and `high`."""
+        """`x`, where the step faults unless it lies between `low` and `high`."""
         if is_known(x):
             return arithmetic.narrow(x, low, high)
         self.add_obligation(both(x >= low, x <= high))
@@ -163,7 +163,7 @@ def float_operation(op: str, a: Term, b: Term, sort: Any) -> Term:  # noqa: ANN4
 
 
 def is_nan(x: Term) -> Term:
-    """Whether a float is NaN."""
+    """The term that a float is NaN."""
     if isinstance(x, float):
         return x != x  # noqa: PLR0124 - NaN
     return z3.Function("floats NaN", OPAQUE, z3.BoolSort())(as_term(x))
@@ -173,7 +173,7 @@ def is_nan(x: Term) -> Term:
 
 
 def compare_age(op: str, ns: Term, limit: float) -> Term:
-    """`float(ns) / 1e9 op limit`, by the least whole nanoseconds that reach it, and exceed it."""
+    """`float(ns) / 1e9 op limit`, by the least whole ns that reach, and that exceed, `limit`."""
     if limit != limit:  # noqa: PLR0124 - NaN
         return op == "!="
     least = _least_true(lambda n: n / 1e9 >= limit)
@@ -185,7 +185,7 @@ def compare_age(op: str, ns: Term, limit: float) -> Term:
 
 
 def _least_true(holds: Callable[[int], bool]) -> int:
-    """The smallest n from which it stays true; larger than any age if it never does."""
+    """The smallest n from which on `holds` is true; larger than any age if it never is."""
     return bisect_left(range(LARGEST), x=True, hi=LARGEST, key=holds)
 
 
@@ -208,10 +208,10 @@ class VisibleValues:
 
 
 class SolverReading(CodeReader):
-    """One step, predicate or function body being read.
+    """Reads one step, predicate or function body into terms.
 
     `looked_at`: operands of comparisons that may be NaN, which is a fault in `ttf` and `safer`.
-    `deep`: functions that only pass on what they are given are read whatever their length.
+    `deep`: functions that only pass on their arguments are read, however long they are.
     """
 
     def __init__(
@@ -225,23 +225,23 @@ class SolverReading(CodeReader):
         self.operations = SolverOperations(sight.facts)
         super().__init__(self.operations, sight.scope.params)
 
-    def truth(self, e: typed.TypedExpr) -> tuple[Term, Term]:
-        """The value of a predicate, and whether it faults. NotRecheckedError as `value`."""
-        _, value = self.attempt(True, lambda: self.expression(e))
+    def truth_and_fault(self, e: typed.TypedExpr) -> tuple[Term, Term]:
+        """The terms that a predicate holds, and that it faults; NotRecheckedError as `value`."""
+        _, value = self.attempt(True, lambda: self.evaluate(e))
         return (False if value is None else value), one_of(
             self.operations.fault, self.operations.doubt
         )
 
-    def step(
+    def run_step(
         self, node: typed.NodeSymbol, before: Sequence[Term], taken: Term = False
     ) -> tuple[tuple[Term, ...], Published]:
-        """Locals behind a step, and of each topic whether it is published, and what.
+        """The locals behind a step, and topic -> (whether it is published, its value).
 
         `taken`: control was taken over just now. NotRecheckedError as `value`.
         """
         frame, facts = CallFrame(dict(zip(node.locals, before, strict=True))), self.sight.facts
-        self.attempt(True, lambda: self.branch(taken, node.takeover or (), (), frame))
-        self.attempt(True, lambda: self.block(node.step, frame))
+        self.attempt(True, lambda: self.run_branch(taken, node.takeover or (), (), frame))
+        self.attempt(True, lambda: self.run_block(node.step, frame))
         out = {
             t: (says, value_as_terms(t.type, x, facts)) for t, (says, x) in frame.published.items()
         }
@@ -249,7 +249,7 @@ class SolverReading(CodeReader):
 
     # ------------------------------------------------------------ what names mean
 
-    def _mode(self, e: typed.ModeRead, _: CallFrame) -> Term:
+    def _mode_value(self, e: typed.ModeRead, _: CallFrame) -> Term:
         sight, index = self.sight, self.sight.scope.modules.get(e.module)
         if index is None:
             raise NotRecheckedError("the mode of an unknown module")
@@ -259,7 +259,7 @@ class SolverReading(CodeReader):
             sight.others[index] = unknown_value(e.type, "mode of another", sight.facts)
         return sight.others[index]
 
-    def _choose(self, e: typed.TypedChoose, frame: CallFrame) -> Term:
+    def _choice_value(self, e: typed.TypedChoose, frame: CallFrame) -> Term:
         options = [self.value(o, frame) for o in e.options]
         if e.ages is not None:
             raise NotRecheckedError("a fair choice")
@@ -274,44 +274,44 @@ class SolverReading(CodeReader):
         return choice
 
     def operand(self, e: typed.TypedExpr, frame: CallFrame) -> Term:
-        """The value of an operand; where it is `looked_at` its comparison faults if it is NaN."""
+        """The value of an operand; its comparison faults if it is `looked_at` and NaN."""
         value = self.value(e, frame)
         if e in self.looked_at and not isinstance(value, Elapsed):
-            self.operations.suspect(
+            self.operations.add_doubt(
                 one_of(*(is_nan(x) for x in scalar_leaves(value) if is_float(x)))
             )
         return value
 
     # ------------------------------------------------------------ parts of values
 
-    def _aggregate(self, e: typed.Aggregate, frame: CallFrame) -> Term:
-        value = super()._aggregate(e, frame)
-        if parts_of_value(e.type) is None and not is_known(value):
+    def _aggregate_value(self, e: typed.Aggregate, frame: CallFrame) -> Term:
+        value = super()._aggregate_value(e, frame)
+        if part_types(e.type) is None and not is_known(value):
             raise NotRecheckedError("a list or a large array of what is not known")
         return value
 
-    def _length(self, e: typed.TypedLength, frame: CallFrame) -> Term:
+    def _length_value(self, e: typed.TypedLength, frame: CallFrame) -> Term:
         value = self.value(e.target, frame)
         if isinstance(value, tuple):
             return len(value)
-        return length(value, e.target.type, self.sight.facts)
+        return element_count(value, e.target.type, self.sight.facts)
 
-    def _index(self, e: typed.Index, frame: CallFrame) -> Term:
+    def _element_value(self, e: typed.Index, frame: CallFrame) -> Term:
         sequence, at = self.value(e.target, frame), self.value(e.index, frame)
         if isinstance(sequence, tuple) and isinstance(at, int):
             return sequence[in_range(at, len(sequence))]
         of, facts = e.target.type, self.sight.facts
         assert isinstance(of, (ListType, ArrayType))
         sequence = value_as_terms(of, sequence, facts)
-        self.operations.add_obligation(both(at >= 0, at < length(sequence, of, facts)))
+        self.operations.add_obligation(both(at >= 0, at < element_count(sequence, of, facts)))
         return element(sequence, at, of, facts)
 
     def replace_part(self, of: Type, whole: Term, keys: Sequence[Term], new: Term) -> Term:
-        """A value of a type with another part at a path; an index that it has not is a fault.
+        """The value with the part at these indices replaced; an index out of range is a fault.
 
-        NotRecheckedError for an index of what is not told apart.
+        NotRecheckedError for a part of an array that is one term.
         """
-        if keys and parts_of_value(of) is None:
+        if keys and part_types(of) is None:
             raise NotRecheckedError("an assignment at an index of what is not told apart")
         if not keys or isinstance(keys[0], int):
             return super().replace_part(of, whole, keys, new)
@@ -319,7 +319,7 @@ class SolverReading(CodeReader):
         self.operations.add_obligation(both(at >= 0, at < len(whole)))
         parts = []
         for k, part in enumerate(whole):
-            inner, path = part_of(of, k), both(self.operations.path, at == k)
+            inner, path = part_type(of, k), both(self.operations.path, at == k)
             other = self.attempt(path, partial(self.replace_part, inner, part, rest, new))[1]
             parts.append(
                 part if other is None else self.operations.join(inner, at == k, other, part)
@@ -328,10 +328,10 @@ class SolverReading(CodeReader):
 
     # ------------------------------------------------------------ functions
 
-    def call(self, fun: typed.FunSymbol, arguments: Sequence[Term]) -> Term:
-        """The result of a call; a function that is not read gives equal ones for equal arguments.
+    def result_of_call(self, fun: typed.FunSymbol, arguments: Sequence[Term]) -> Term:
+        """The result of a call; an unread function gives equal results for equal arguments.
 
-        NotRecheckedError where that is not so: where it asks extern functions.
+        NotRecheckedError where that is not so, as the function calls extern functions.
         """
         if calls_extern(fun):
             raise NotRecheckedError(f"`{fun.name}` is an extern function, or asks one")
@@ -340,7 +340,7 @@ class SolverReading(CodeReader):
             if fun.prelude:
                 self.looked_at = frozenset()
             if read or is_known(tuple(arguments)):
-                return super().call(fun, arguments)
+                return super().result_of_call(fun, arguments)
         except StepFault:
             if read:
                 raise
@@ -354,19 +354,19 @@ class SolverReading(CodeReader):
         nan = " or compares a NaN" if self.looked_at & operands_in(fun) else ""
         pairs = zip(fun.parameters, arguments, strict=True)
         values = [value_as_terms(p.type, x, facts) for p, x in pairs]
-        self.operations.suspect(unread_result(f"{name} faults{nan}", values, BOOL, facts))
+        self.operations.add_doubt(unread_result(f"{name} faults{nan}", values, BOOL, facts))
         return unread_result(name, values, fun.result, facts)
 
     readings: ClassVar[dict[type[typed.TypedExpr], Callable[[Any, Any, CallFrame], Term]]] = {
         **CodeReader.readings,
         typed.TopicRead: lambda self, e, _: self.sight.topic(self.sight.scope.topics[e.topic]),
         typed.AgeRead: lambda self, e, _: Elapsed(self.sight.age(self.sight.scope.topics[e.topic])),
-        typed.ModeRead: _mode,
+        typed.ModeRead: _mode_value,
         typed.InControl: lambda self, *_: self.sight.in_control,
         typed.TimeRead: lambda self, e, _: unknown_value(e.type, "time", self.sight.facts),
         typed.PeriodRead: lambda self, e, _: unknown_value(e.type, "time", self.sight.facts),
-        typed.TypedChoose: _choose,
-        typed.Aggregate: _aggregate,
-        typed.TypedLength: _length,
-        typed.Index: _index,
+        typed.TypedChoose: _choice_value,
+        typed.Aggregate: _aggregate_value,
+        typed.TypedLength: _length_value,
+        typed.Index: _element_value,
     }

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import z3
 
-from soter.certificate.reading.symbolic_values import identical, is_known
+from soter.certificate.reading.symbolic_values import is_identical, is_known
 from soter.language.model import typed
 from soter.language.model.tree_walk import nodes as parts_of
 from soter.language.model.types import (
@@ -47,17 +47,22 @@ SHORT = 60
 LEAVES_MAX = 64
 """Numbers and truths of an array whose elements are told apart; of a larger one nothing is told."""
 LONGER = (typed.ForRange, typed.ForEach, typed.Index, typed.TypedLength, typed.Vector)
+OPAQUE = z3.DeclareSort("opaque")
+"""The sort of floats, and of lists and arrays in one term: only equality is known of these."""
+LARGEST, SMALLEST = 2**63 - 1, -(2**63)
+ELEMENTS_MAX = 64
+"""Nothing is told of a longer list of the program."""
 
 
-def is_plain(t: Type) -> bool:
+def is_discrete(t: Type) -> bool:
     """Whether values of a type are truths, whole numbers, members or durations: all exact."""
     return isinstance(t, (BoolType, IntType, EnumType, DurationType))
 
 
-def parts_of_value(t: Type) -> tuple[Type, ...] | None:
-    """The types of the parts of which a value is put together: of a record, or a small array.
+def part_types(t: Type) -> tuple[Type, ...] | None:
+    """The types of the parts of a record or a small array, whose values are told apart.
 
-    None for everything that is one term, be it a number or an array of which nothing is told.
+    None for a type whose values are one term each: numbers, and arrays with unknown elements.
     """
     if isinstance(t, RecordType):
         return tuple(f for _, f in t.fields)
@@ -68,17 +73,17 @@ def parts_of_value(t: Type) -> tuple[Type, ...] | None:
 
 def is_exact(t: Type) -> bool:
     """Whether all parts of a value of this type are exact."""
-    parts = parts_of_value(t)
-    return is_plain(t) if parts is None else all(is_exact(p) for p in parts)
+    parts = part_types(t)
+    return is_discrete(t) if parts is None else all(is_exact(p) for p in parts)
 
 
 @lru_cache(maxsize=1_000)
 def reads_body(fun: typed.FunSymbol, *, deep: bool) -> bool:
-    """Whether a function is read wherever it is called; another one only where all is known.
+    """Whether a function is read wherever it is called; others only where all arguments are known.
 
     A body is read if it is exact, or if it is short and only combines results of other calls.
-    `deep`, where the same is asked in two places: also one expression that asks other functions,
-    and calculates what it asks them, however long it is.
+    `deep`, where two readings are compared: also a single expression that calls other functions on
+    computed arguments, however long it is.
     """
     parts = list(parts_of(fun.body or ()))
     types = [n.type for n in parts if isinstance(n, typed.TypedExpr)]
@@ -91,20 +96,20 @@ def reads_body(fun: typed.FunSymbol, *, deep: bool) -> bool:
 def _makes_no_float(n: object, *, asks: bool) -> bool:
     """Whether a piece of code makes no float or list; `asks`: it may add and multiply floats."""
     if isinstance(n, typed.TypedBinary):
-        of, compares = n.left.type, isinstance(n.type, BoolType)
-        return is_plain(of) or (isinstance(of, FloatType) and (compares or (asks and n.op != "/")))
+        operand, on = n.left.type, isinstance(n.type, BoolType) or (asks and n.op != "/")
+        return is_discrete(operand) or (isinstance(operand, FloatType) and on)
     if isinstance(n, typed.TypedUnary):
-        return is_plain(n.type) or (asks and isinstance(n.type, FloatType))
+        return is_discrete(n.type) or (asks and isinstance(n.type, FloatType))
     if isinstance(n, typed.Aggregate):
         return isinstance(n.type, RecordType)
     if isinstance(n, typed.Place):
         return all(isinstance(p, int) for p in n.path)
-    return is_plain(n.type) if isinstance(n, typed.Builtin) else not isinstance(n, LONGER)
+    return is_discrete(n.type) if isinstance(n, typed.Builtin) else not isinstance(n, LONGER)
 
 
 @lru_cache(maxsize=1_000)
 def calls_extern(fun: typed.FunSymbol) -> bool:
-    """Whether a call ends in an extern function, which may give another value each time."""
+    """Whether a call may end in an extern function, which may give another value each time."""
     seen, todo = {fun}, [fun]
     for f in todo:
         below = [n.fun for n in parts_of(f.body or ()) if isinstance(n, typed.TypedCall)]
@@ -115,11 +120,6 @@ def calls_extern(fun: typed.FunSymbol) -> bool:
 
 Term = Any
 """A value, as the head of this file says: of Python, of the solver, or a tuple of such."""
-OPAQUE = z3.DeclareSort("opaque")
-"""The sort of floats, and of lists and arrays in one term: only equality is known of these."""
-LARGEST, SMALLEST = 2**63 - 1, -(2**63)
-ELEMENTS_MAX = 64
-"""Nothing is told of a longer list of the program."""
 
 
 @dataclass(frozen=True)
@@ -133,7 +133,7 @@ class Elapsed:
 
 
 def both(*truths: Term) -> Term:
-    """The truth that all of them hold."""
+    """The truth that all truths hold."""
     left = [x for x in truths if x is not True]
     if any(x is False for x in left):
         return False
@@ -141,7 +141,7 @@ def both(*truths: Term) -> Term:
 
 
 def one_of(*truths: Term) -> Term:
-    """The truth that one of them holds."""
+    """The truth that one of the truths holds."""
     left = [x for x in truths if x is not False]
     if any(x is True for x in left):
         return True
@@ -157,19 +157,19 @@ def negation(a: Term) -> Term:
 
 
 def unknown_value(t: Type, name: str, facts: list[Term]) -> Term:
-    """Any value of a type; what the type says of it goes to `facts`."""
-    parts = parts_of_value(t)
+    """Any value of a type; the range of the type is entered into `facts`."""
+    parts = part_types(t)
     if parts is not None:
         return tuple(unknown_value(p, f"{name}.{k}", facts) for k, p in enumerate(parts))
-    return _with_range_of_type(t, z3.FreshConst(_sort(t), name), facts)
+    return _with_range_of_type(t, z3.FreshConst(_solver_sort(t), name), facts)
 
 
-def _sort(t: Type) -> Any:  # noqa: ANN401 - a sort
-    return z3.BoolSort() if isinstance(t, BoolType) else z3.IntSort() if is_plain(t) else OPAQUE
+def _solver_sort(t: Type) -> Any:  # noqa: ANN401 - a sort
+    return z3.BoolSort() if isinstance(t, BoolType) else z3.IntSort() if is_discrete(t) else OPAQUE
 
 
 def _with_range_of_type(t: Type, x: Term, facts: list[Term]) -> Term:
-    if is_plain(t) and not isinstance(t, BoolType):
+    if is_discrete(t) and not isinstance(t, BoolType):
         low, high = integer_range(t)
         facts.append(z3.And(x >= low, x <= high))
     return x
@@ -183,18 +183,18 @@ def integer_range(t: Type) -> tuple[int, int]:
 
 
 def value_as_terms(t: Type, value: Term, facts: list[Term]) -> Term:
-    """A value that is one term where its type is; what is known of its elements goes to `facts`."""
-    parts = parts_of_value(t)
+    """A value, with one term where its type has no parts; `facts` get what its elements are."""
+    parts = part_types(t)
     if parts is not None:
         return tuple(value_as_terms(p, v, facts) for p, v in zip(parts, value, strict=True))
     if not isinstance(value, tuple):
         return value
     whole = z3.Const(f"{t!r}: {value!r}", OPAQUE)
     if isinstance(t, (ListType, ArrayType)) and len(value) <= ELEMENTS_MAX:
-        facts.append(length(whole, t, facts) == len(value))
+        facts.append(element_count(whole, t, facts) == len(value))
         for k, v in enumerate(value):
-            item, own = element(whole, k, t, facts), value_as_terms(t.element, v, facts)
-            facts += [a == b for a, b in zip(leaf_terms(item), leaf_terms(own), strict=True)]
+            item, part = element(whole, k, t, facts), value_as_terms(t.element, v, facts)
+            facts += [a == b for a, b in zip(leaf_terms(item), leaf_terms(part), strict=True)]
     return whole
 
 
@@ -206,7 +206,7 @@ def leaf_terms(value: Term) -> list[Term]:
 
 
 def as_term(value: Term) -> Term:
-    """A number or a truth as a term; floats are elements of the sort."""
+    """A number or a truth as a term; floats are constants of the opaque sort."""
     if isinstance(value, bool):
         return z3.BoolVal(value)
     if isinstance(value, int):
@@ -219,12 +219,12 @@ def as_term(value: Term) -> Term:
 
 
 def choose(c: Term, a: Term, b: Term) -> Term:
-    """`c ? a : b`, of values of one shape."""
+    """The term `c ? a : b`, of values of one shape."""
     if isinstance(c, bool):
         return a if c else b
     if isinstance(a, tuple):
         return tuple(choose(c, x, y) for x, y in zip(a, b, strict=True))
-    if a is b or (is_known(a) and is_known(b) and identical(a, b)):
+    if a is b or (is_known(a) and is_known(b) and is_identical(a, b)):
         return a
     if isinstance(a, Elapsed) and isinstance(b, Elapsed):
         return Elapsed(z3.If(c, a.ns, b.ns))
@@ -232,8 +232,8 @@ def choose(c: Term, a: Term, b: Term) -> Term:
 
 
 def within_bounds(value: Term, t: Type, bounds: Sequence[Bound | None]) -> Term:
-    """Whether a value lies within the bounds of a topic, and so may be published."""
-    parts = parts_of_value(t)
+    """The term that a value lies within the bounds of a topic, and so may be published."""
+    parts = part_types(t)
     if parts is not None:
         conditions, at = [], 0
         for v, p in zip(value, parts, strict=True):
@@ -243,7 +243,7 @@ def within_bounds(value: Term, t: Type, bounds: Sequence[Bound | None]) -> Term:
         return both(*conditions)
     if isinstance(t, (BoolType, EnumType)):
         return True
-    if is_plain(t):
+    if is_discrete(t):
         low, high = integer_range(t)
         if bounds and bounds[0] is not None:
             low, high = max(low, ceil(bounds[0].low)), min(high, floor(bounds[0].high))
@@ -259,19 +259,19 @@ def within_bounds(value: Term, t: Type, bounds: Sequence[Bound | None]) -> Term:
 
 
 def unread_result(name: str, values: Sequence[Term], t: Type, facts: list[Term]) -> Term:
-    """The unknown result of a function, equal for equal `values`; its type goes to `facts`."""
-    parts = parts_of_value(t)
+    """The unknown result of a function, equal for equal `values`; `facts` get its type's range."""
+    parts = part_types(t)
     if parts is not None:
         return tuple(unread_result(f"{name}.{k}", values, p, facts) for k, p in enumerate(parts))
     arguments = [x for v in values for x in leaf_terms(v)]
     if not arguments:
-        return z3.Const(name, _sort(t))
-    function = z3.Function(name, *[a.sort() for a in arguments], _sort(t))
+        return z3.Const(name, _solver_sort(t))
+    function = z3.Function(name, *[a.sort() for a in arguments], _solver_sort(t))
     return _with_range_of_type(t, function(*arguments), facts)
 
 
-def length(sequence: Term, t: Type, facts: list[Term]) -> Term:
-    """The number of elements of a list or an array."""
+def element_count(sequence: Term, t: Type, facts: list[Term]) -> Term:
+    """The number of elements of a list or an array; `facts` get its bounds."""
     if isinstance(t, ArrayType):
         return t.size
     assert isinstance(t, ListType)
@@ -281,7 +281,7 @@ def length(sequence: Term, t: Type, facts: list[Term]) -> Term:
 
 
 def element(sequence: Term, index: Term, t: ListType | ArrayType, facts: list[Term]) -> Term:
-    """The element of a list or an array at an index that it has."""
+    """The element of a list or an array at an index in range."""
     if not isinstance(sequence, tuple):
         return unread_result(f"element of {t!r}", [sequence, index], t.element, facts)
     value = sequence[-1]

@@ -25,8 +25,8 @@ from typing import TYPE_CHECKING, Any
 
 from soter.certificate.extras import extras
 from soter.certificate.reading.module_facts import driven_topics, reads_mode, topics_of_others
-from soter.certificate.reading.symbolic_reading import Surroundings, SymbolicReader, variables_in
-from soter.certificate.reading.symbolic_values import scalar_leaves, truth_of, value_of_leaves
+from soter.certificate.reading.symbolic_reading import Surroundings, SymbolicReader, variables_read
+from soter.certificate.reading.symbolic_values import as_truth, scalar_leaves, value_of_leaves
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.linear_enclosures import ONE, exact, greatest_below
 from soter.certificate.terms.terms import TRUE, Linear, Proposition, Terms, both, negation
@@ -78,7 +78,7 @@ class CaseModel:
     def _state_values(
         self, terms: Terms, c: Component, values: Sequence[Linear]
     ) -> dict[typed.Variable, Any]:
-        """The values of a plant's states: inputs, parameters of this case, or left out."""
+        """The values of a plant's states: terms or parameters; those left out may be any number."""
         assert c.plant is not None
         known: dict[tuple[int, str, int], Any] = {
             (s.owner, s.variable, s.leaf): x for s, x in zip(self.facts.states, values, strict=True)
@@ -97,21 +97,21 @@ class CaseModel:
             value_by_variable[variable] = value_of_leaves(variable.type, parts)
         return value_by_variable
 
-    def _with_let_values(
+    def _add_let_values(
         self, reader: SymbolicReader, c: Component, variables: dict[typed.Variable, Any]
     ) -> dict[typed.Variable, Any]:
         assert c.plant is not None
         for variable, expr in c.plant.lets:
-            known = all(v in variables for v in variables_in(expr))
+            known = all(v in variables for v in variables_read(expr))
             if known and topic_reads(expr).keys() <= reader.surroundings.topics.keys():
-                variables[variable] = reader.expression(expr, variables)
+                variables[variable] = reader.evaluate(expr, variables)
         return variables
 
     def topics(self, terms: Terms, states: Sequence[Linear], *, errors: bool) -> dict[int, Any]:
-        """Topic -> its value in these states, as an estimate where `errors`; other topics, too.
+        """Topic -> its value in these states, with the sensors' errors where `errors`.
 
-        A topic that a plant merely copies from a command is not among them; NotRecheckedError for
-        one that a plant makes of a command otherwise.
+        Topics of others have any value of their sets. A topic that a plant copies from a command is
+        missing; NotRecheckedError for one that a plant makes of a command otherwise.
         """
         value_by_topic: dict[int, Any] = {}
         for index, (c, expr) in driven_topics(self.facts).items():
@@ -126,8 +126,8 @@ class CaseModel:
                     " node publish that"
                 )
             reader = SymbolicReader(terms, Surroundings(c.scope.params, {}, seconds(c.period_ns)))
-            variables = self._with_let_values(reader, c, self._state_values(terms, c, states))
-            value = reader.expression(expr, variables)
+            variables = self._add_let_values(reader, c, self._state_values(terms, c, states))
+            value = reader.evaluate(expr, variables)
             if errors:
                 value = self._with_errors(terms, index, value)
             value_by_topic[index] = value
@@ -138,7 +138,7 @@ class CaseModel:
         return value_by_topic
 
     def _with_errors(self, terms: Terms, index: int, value: Any) -> Any:  # noqa: ANN401
-        """A value with its errors added; each sum of value and error is rounded once."""
+        """A topic's value with its errors added; each sum of value and error is rounded once."""
         parts = scalar_leaves(value)
         for e in (e for e in self.facts.errors if e.owner == index):
             x = parts[e.leaf]
@@ -149,11 +149,11 @@ class CaseModel:
 
     # ------------------------------------------------------------ SC and predicates
 
-    def commands(self, terms: Terms, states: Sequence[Linear]) -> list[Linear]:
-        """What SC publishes after a sample of these states, whatever its locals and others' modes.
+    def sc_commands(self, terms: Terms, states: Sequence[Linear]) -> list[Linear]:
+        """The terms of what SC publishes on a sample of these states, for any locals and modes.
 
-        Obligations are those of its step, and that a command lies in its set, for every value of
-        its locals and of every mode. NotRecheckedError where a step may publish no command.
+        Obligations of the terms are those of SC's step, and that each command lies in its set.
+        NotRecheckedError where a step may publish no command.
         """
         sc = self.facts.sc
         assert sc.node is not None
@@ -162,7 +162,7 @@ class CaseModel:
         with_modes = partial(step_of_sc, terms, sc, known)
         if sc.node.locals or reads_mode(sc.node.step):
             published = list(
-                extras.sc_locals_and_modes.every_step(
+                extras.sc_locals_and_modes.published_in_every_step(
                     terms, sc.node, with_modes, self.facts.local_ranges
                 )
             )
@@ -173,22 +173,22 @@ class CaseModel:
     def predicate(
         self, terms: Terms, states: Sequence[Linear], expr: typed.TypedExpr, *, errors: bool
     ) -> Proposition:
-        """A predicate of the module, on the true topics or on estimates."""
+        """A predicate of the module as a proposition, on true topics or on estimates (`errors`)."""
         values = self.topics(terms, states, errors=errors)
         scope = self.facts.module.scope
         known = {t: values[i] for t, i in scope.topics.items() if i in values}
-        modes = extras.sc_locals_and_modes.any_mode(terms, [expr]) if reads_mode([expr]) else {}
-        return truth_of(
-            SymbolicReader(terms, Surroundings(scope.params, known, modes=modes)).expression(expr)
+        modes = extras.sc_locals_and_modes.mode_inputs(terms, [expr]) if reads_mode([expr]) else {}
+        return as_truth(
+            SymbolicReader(terms, Surroundings(scope.params, known, modes=modes)).evaluate(expr)
         )
 
-    def limits(
+    def published_limits(
         self, terms: Terms, states: Sequence[Linear], topic: int
     ) -> list[tuple[Linear, float, float]]:
-        """Each bounded number that a plant publishes on a topic, and the least and the greatest.
+        """Each bounded number that a plant publishes on a topic, with its least and greatest value.
 
-        The sum of value and error is rounded once, and rounding is monotone: it lies in [low, high]
-        exactly where the value lies between the least and the greatest number of which it does.
+        The sum of value and error is rounded once, and rounding is monotone: it lies in the
+        declared set exactly where the value lies between the two numbers that are given here.
         """
         declared = self.facts.system.topics[topic]
         parts = scalar_leaves(self.topics(terms, states, errors=False)[topic])
@@ -204,10 +204,10 @@ class CaseModel:
             limits.append((value, low, high))
         return limits
 
-    def in_set(self, terms: Terms, states: Sequence[Linear], topic: int) -> Proposition:
+    def topic_in_set(self, terms: Terms, states: Sequence[Linear], topic: int) -> Proposition:
         """The proposition that each estimate which a plant publishes on a topic is in its set."""
         conjunction = TRUE
-        for value, low, high in self.limits(terms, states, topic):
+        for value, low, high in self.published_limits(terms, states, topic):
             short = value if low == 0.0 else terms.combine(((ONE, value),), -exact(low))
             below = terms.below_zero(short)
             beyond = terms.below_zero(terms.combine(((-ONE, value),), exact(high)))
@@ -219,13 +219,13 @@ class CaseModel:
     def rates(
         self, terms: Terms, states: Sequence[Linear], controls: Sequence[Linear]
     ) -> tuple[list[Linear], list[Linear]]:
-        """The derivative of every state as a real number, and the disturbances in it."""
+        """The derivative of every state as a real number, and the disturbances in them."""
         return self._rates_or_next(terms, states, controls, self.facts.states, rounded=False)
 
-    def rates_left_out(
+    def rates_of_left_out_states(
         self, terms: Terms, states: Sequence[Linear], controls: Sequence[Linear]
     ) -> list[Linear]:
-        """The derivatives of states that are left out, wherever these are."""
+        """The derivatives of the states that are left out, wherever these states are."""
         return self._rates_or_next(terms, states, controls, self.facts.left_out, rounded=False)[0]
 
     def next_states(
@@ -235,8 +235,8 @@ class CaseModel:
         return self._rates_or_next(terms, states, controls, self.facts.states, rounded=True)[0]
 
     def _others_inputs(self, terms: Terms, c: Component, topic: typed.TopicSymbol) -> list[Linear]:
-        own = (x for x in self.facts.disturbances if x.of_others and x.owner == c.index)
-        return free_inputs(terms, (x for x in own if x.variable == topic.name))
+        inputs = (x for x in self.facts.disturbances if x.of_others and x.owner == c.index)
+        return free_inputs(terms, (x for x in inputs if x.variable == topic.name))
 
     def _rates_or_next(
         self,
@@ -247,6 +247,7 @@ class CaseModel:
         *,
         rounded: bool,
     ) -> tuple[list[Linear], list[Linear]]:
+        """The derivatives or next values of the `wanted` states, and the disturbances in them."""
         flow = self.facts.kind == "flow"
         members = {(s.owner, s.variable) for s in wanted}
         by_leaf: dict[tuple[int, str, int], Linear] = {}
@@ -259,7 +260,7 @@ class CaseModel:
                 parts = [terms.add_input("box", name, low, high) for _ in leaves(d.variable.type)]
                 disturbances += parts
                 variables[d.variable] = value_of_leaves(d.variable.type, parts)
-            topics = self._inputs_of_plant(c, controls)
+            topics = self._commands_to_plant(c, controls)
             for symbol in topics_of_others(c, self.facts.module):
                 parts = self._others_inputs(terms, c, symbol)
                 disturbances += parts
@@ -267,12 +268,12 @@ class CaseModel:
             around = Surroundings(c.scope.params, topics, seconds(c.period_ns))
             reader = SymbolicReader(terms, around, rounded=rounded)
             reader.operations.everywhere = not rounded
-            self._with_let_values(reader, c, variables)
+            self._add_let_values(reader, c, variables)
             moves = c.plant.der if flow else c.plant.next
             for variable, expr in moves.items():
                 if (c.index, variable.name) not in members:
                     continue
-                for k, x in enumerate(scalar_leaves(reader.expression(expr, variables))):
+                for k, x in enumerate(scalar_leaves(reader.evaluate(expr, variables))):
                     value = x if not isinstance(x, (int, float)) else terms.constant(float(x))
                     by_leaf[c.index, variable.name, k] = value
         motions = []
@@ -281,7 +282,7 @@ class CaseModel:
             motions.append(by_leaf.get((s.owner, s.variable, s.leaf), still))
         return motions, disturbances
 
-    def _inputs_of_plant(
+    def _commands_to_plant(
         self, c: Component, controls: Sequence[Linear]
     ) -> dict[typed.TopicSymbol, Any]:
         value_by_topic: dict[typed.TopicSymbol, Any] = {}
@@ -305,21 +306,21 @@ def step_of_sc(
     modes: Mapping[Any, Any],
     claimed: Ranges = MappingProxyType({}),
 ) -> Callable[[Mapping[typed.Variable, Any]], dict[int, Any]]:
-    """A function of SC's locals: what a step publishes, by topic, where it reads `known` topics.
+    """Gives a function that reads one step of SC: from values of its locals to what it publishes.
 
-    `claimed`: ranges in which it, and `on takeover`, leave floats: more obligations of the terms.
+    `claimed`: ranges in which step and `on takeover` are to leave floats, as obligations.
     """
     around = Surroundings(sc.scope.params, known, seconds(sc.period_ns), modes=modes)
     reader = SymbolicReader(terms, around)
 
-    def published(own: Mapping[typed.Variable, Any]) -> dict[int, Any]:
+    def read_step(values_of_locals: Mapping[typed.Variable, Any]) -> dict[int, Any]:
         assert sc.node is not None
         if sc.node.takeover is not None:
-            reader.step(sc.node.takeover, own, claimed)
-        found = reader.step(sc.node.step, own, claimed)
+            reader.published_by_step(sc.node.takeover, values_of_locals, claimed)
+        found = reader.published_by_step(sc.node.step, values_of_locals, claimed)
         return {sc.scope.topics[t]: v for t, v in found.items()}
 
-    return published
+    return read_step
 
 
 def command_term(terms: Terms, control: Input, published: Sequence[Mapping[int, Any]]) -> Linear:
@@ -355,10 +356,10 @@ def control_inputs(facts: Facts, terms: Terms) -> list[Linear]:
     return free_inputs(terms, facts.controls)
 
 
-def boxes_of(
+def other_ends(
     model: CaseModel, states: Sequence[Linear], members: Sequence[int]
 ) -> dict[int, tuple[arb, arb]]:
-    """Atom -> the ends of its grid, for each state that is none of `members`."""
+    """Atom -> the ends of its grid, for each state that is not in `members`."""
     range_by_atom = {}
     for i, x in enumerate(states):
         if i not in members:

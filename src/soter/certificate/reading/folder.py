@@ -1,9 +1,9 @@
 """The folder of a certificate: every byte covered, nothing besides; and the program in it.
 
 Purpose: `read_certificate` reads a folder and checks what docs/verification.md (section 4) lays
-down: names, hashes, the canonical manifest, sizes of tables. `program_of` makes a checked program
-of the files below `program/` and the manifest's parameters, and reads nothing else. `refuse_cells`:
-where nothing is claimed of K, K is empty.
+down: names, hashes, the canonical manifest, sizes of tables. `read_program` makes a checked program
+of the files below `program/` and the manifest's parameters, and reads nothing else.
+`refuse_cells`: where nothing is claimed of K, K is empty.
 Non-goals: believing anything that stands in it (`rechecker.py`); what the program says about a
 module (`reading/problem.py`), which claims a part of a group rests on (`proof_methods.py`).
 
@@ -60,6 +60,10 @@ FILE_MAX = 2 * CELLS_MAX
 """Bytes of any other file, at most: a table of ranks over the largest grid."""
 BYTES_MAX = 2 << 30
 """Bytes of all files together, at most."""
+FREE = frozenset({"P3", "ttf", "safer"})
+RETURN = frozenset({"P2b"})
+OF_SETS = FREE | RETURN | {"P2a", "start"}
+"""Claims that rest on K."""
 
 
 class NotACertificateError(Exception):
@@ -68,7 +72,7 @@ class NotACertificateError(Exception):
 
 @dataclass(eq=False)
 class Certificate:
-    """A folder whose hashes are right; `used` notes which files the claims rest on."""
+    """A folder whose hashes are right. `used` collects the names of the tables that were read."""
 
     folder: Path
     manifest: dict[str, Any]
@@ -80,19 +84,16 @@ class Certificate:
     @property
     def seal(self) -> str:
         """SHA-256 of the manifest, in hexadecimal: it covers every other file."""
-        return hashlib.sha256(canonical(self.manifest)).hexdigest()
+        return hashlib.sha256(canonical_json(self.manifest)).hexdigest()
 
     @property
-    def unused(self) -> list[str]:
-        """The tables on which no claim rests."""
+    def unused_tables(self) -> list[str]:
+        """The names of the tables that nobody read, so that no claim rests on them."""
         return sorted({n for n in self.contents if n.startswith("sets/")} - self.used)
 
-    def edges(self, path: object) -> tuple[float, ...]:
-        """The breakpoints of an axis.
-
-        RejectedError where they are fewer than two, not finite, or do not rise.
-        """
-        data = self.plain(path)
+    def breakpoints(self, path: object) -> tuple[float, ...]:
+        """An axis' breakpoints; RejectedError unless they are two or more, finite, and rise."""
+        data = self.table_bytes(path)
         if len(data) % 8 or len(data) < 16:
             raise RejectedError(f"`{path}` holds no breakpoints")
         breakpoints = tuple(np.frombuffer(data, dtype="<f8").tolist())
@@ -102,36 +103,30 @@ class Certificate:
             raise RejectedError(f"`{path}`: breakpoints do not increase")
         return breakpoints
 
-    def numbers(self, path: object, shape: tuple[int, ...], kind: str) -> NDArray[Any]:
-        """A table of whole numbers of that shape, `kind` being `<u1` or `<u2`.
-
-        RejectedError where the file is not of its size.
-        """
-        data, dtype = self.plain(path), np.dtype(kind)
+    def number_table(self, path: object, shape: tuple[int, ...], kind: str) -> NDArray[Any]:
+        """A table of that shape, `kind` being `<u1` or `<u2`; RejectedError for another size."""
+        data, dtype = self.table_bytes(path), np.dtype(kind)
         if len(data) != math.prod(shape) * dtype.itemsize:
             raise RejectedError(f"`{path}` is not the size of its grid")
         return np.frombuffer(data, dtype=dtype).reshape(shape)
 
-    def bits(self, path: object, shape: tuple[int, ...]) -> NDArray[np.bool_]:
-        """A set of cells of that shape; what fills up the last byte must be zero.
-
-        RejectedError where it is not, or the file not of its size.
-        """
+    def set_of_cells(self, path: object, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+        """A set of cells of that shape; RejectedError for another size, or bits behind its end."""
         cells = math.prod(shape)
-        data = self.numbers(path, (-(-cells // 8),), "<u1")
+        data = self.number_table(path, (-(-cells // 8),), "<u1")
         every = np.unpackbits(data, bitorder="little")
         if every[cells:].any():
             raise RejectedError(f"`{path}`: bits are set behind the last cell")
         return every[:cells].astype(np.bool_).reshape(shape)
 
-    def count(self, shape: tuple[int, ...]) -> None:
-        """Note a grid of that shape; NotRecheckedError where all have more than `CELLS_MAX`."""
+    def count_cells(self, shape: tuple[int, ...]) -> None:
+        """Counts the cells of a grid; NotRecheckedError if all grids have more than `CELLS_MAX`."""
         self.cells += math.prod(shape)
         if self.cells > CELLS_MAX:
             raise NotRecheckedError(f"more than {CELLS_MAX:,} cells in all grids: not looked at")
 
-    def plain(self, path: object) -> bytes:
-        """The bytes of a file below `sets/`; RejectedError if it is missing."""
+    def table_bytes(self, path: object) -> bytes:
+        """Reads a file below `sets/`, and notes its name; RejectedError if it is missing."""
         if not isinstance(path, str) or not path.startswith("sets/") or path not in self.contents:
             raise RejectedError(f"there is no table `{path}`")
         self.used.add(path)
@@ -139,16 +134,15 @@ class Certificate:
 
 
 def read_certificate(folder: Path) -> Certificate:
-    """The certificate in a folder.
+    """Reads the certificate in a folder; `NotACertificateError` where the folder holds none.
 
-    `NotACertificateError`; `RejectedError` for a bad one, `NotRecheckedError` for one that is too
-    large, or that the system does not give.
+    `RejectedError` for a bad one, `NotRecheckedError` for one that is too large or cannot be read.
     """
     if not folder.is_dir():
         raise NotACertificateError(f"`{folder}` is not a folder")
     if not (folder / MANIFEST).is_file() or not (folder / SEAL).is_file():
         raise NotACertificateError(f"`{folder}` holds no `{MANIFEST}` and `{SEAL}`")
-    contents = {name: _read(folder, name, size) for name, size in _file_sizes(folder).items()}
+    contents = {name: _read_file(folder, name, size) for name, size in _file_sizes(folder).items()}
     raw, seal = contents.pop(MANIFEST), contents.pop(SEAL)
     if seal != (hashlib.sha256(raw).hexdigest() + "\n").encode():
         raise RejectedError("the seal does not fit the manifest")
@@ -169,7 +163,7 @@ def read_certificate(folder: Path) -> Certificate:
 
 
 def _require_this_format(number: object) -> None:
-    """NotRecheckedError for the format of another version of Soter: nothing of it is known here."""
+    """NotRecheckedError for the format of another version of Soter: it is not known here."""
     if type(number) is not int or number < 1:
         raise RejectedError("the manifest does not say the version of its format")
     if other := other_format(number, FORMAT):
@@ -177,17 +171,17 @@ def _require_this_format(number: object) -> None:
 
 
 def _file_sizes(folder: Path) -> dict[str, int]:
-    """The size of every file in bytes, by its name, in the order of names; no file is read yet.
+    """The size in bytes of every file, by its name, in the order of names; reads no file.
 
-    RejectedError for anything but plain files and needed folders, NotRecheckedError where it is
-    too much.
+    RejectedError for links, devices and empty folders, NotRecheckedError for too many files or
+    bytes.
     """
     sizes: dict[str, int] = {}
     folders: set[str] = set()
     waiting = [folder]
     while waiting:
         at = waiting.pop()
-        for path, status in _entries(at):
+        for path, status in _folder_entries(at):
             name = path.relative_to(folder).as_posix()
             if len(sizes) + len(folders) >= ENTRIES_MAX:
                 raise NotRecheckedError(f"more than {ENTRIES_MAX:,} files and folders: not read")
@@ -212,8 +206,8 @@ def _file_sizes(folder: Path) -> dict[str, int]:
     return dict(sorted(sizes.items()))
 
 
-def _entries(at: Path) -> Iterator[tuple[Path, os.stat_result]]:
-    """The entries of a folder, links not followed; NotRecheckedError where the system refuses."""
+def _folder_entries(at: Path) -> Iterator[tuple[Path, os.stat_result]]:
+    """The entries of a folder, links not followed; NotRecheckedError if it cannot be read."""
     try:
         with os.scandir(at) as entries:
             for entry in entries:
@@ -222,8 +216,8 @@ def _entries(at: Path) -> Iterator[tuple[Path, os.stat_result]]:
         raise NotRecheckedError(f"`{at.name}` cannot be read: {error.strerror}") from None
 
 
-def _read(folder: Path, name: str, size: int) -> bytes:
-    """A plain file that still has that size; RejectedError, or as `_entries`, for all else."""
+def _read_file(folder: Path, name: str, size: int) -> bytes:
+    """The bytes of a plain file; RejectedError if not `size` many, else as `_folder_entries`."""
     flags = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
     try:
         with os.fdopen(os.open(folder / name, flags), "rb") as file:
@@ -238,7 +232,7 @@ def _read(folder: Path, name: str, size: int) -> bytes:
 def _parse_manifest(raw: bytes) -> dict[str, Any]:
     try:
         manifest = json.loads(raw.decode("utf-8"))
-        again = canonical(manifest)
+        again = canonical_json(manifest)
     except (ValueError, RecursionError) as error:
         raise RejectedError(f"the manifest is not JSON: {error}") from None
     if not isinstance(manifest, dict) or again != raw:
@@ -246,17 +240,17 @@ def _parse_manifest(raw: bytes) -> dict[str, Any]:
     return manifest
 
 
-def canonical(manifest: object) -> bytes:
+def canonical_json(manifest: object) -> bytes:
     """JSON with sorted keys, no spaces, plain ASCII, and a newline at the end."""
     text = json.dumps(manifest, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return (text + "\n").encode()
 
 
-def program_of(certificate: Certificate) -> tuple[CheckResult, dict[str, Any]]:
-    """The checked program and the values of its parameters; `SoterError` where it has errors.
+def read_program(certificate: Certificate) -> tuple[CheckResult, dict[str, Any]]:
+    """Gives the checked program and the values of its parameters; `SoterError` where it has errors.
 
-    RejectedError where it is not in the certificate, or is another one than the manifest says;
-    NotRecheckedError where it is only wrong in what an earlier version had.
+    RejectedError where it is missing or has another hash than the manifest says; NotRecheckedError
+    where all its errors are words that an earlier version had.
     """
     main = certificate.manifest["main"]
     if not isinstance(main, str) or f"program/{main}" not in certificate.contents:
@@ -266,7 +260,7 @@ def program_of(certificate: Certificate) -> tuple[CheckResult, dict[str, Any]]:
     checked = check_file(path)
     overrides: dict[str, Any] = {}
     if checked.program is not None:
-        overrides = _overrides(certificate, checked.program)
+        overrides = _parameter_values(certificate, checked.program)
         checked = check_file(path, None, overrides)
     if not checked.ok or checked.program is None:
         error = SoterError(checked.diagnostics.items)
@@ -290,8 +284,8 @@ def _require_sealed_bytes(certificate: Certificate, checked: CheckResult) -> Non
             raise RejectedError(f"`{path.name}` was changed while it was being read")
 
 
-def files_of(path: str) -> list[Path]:
-    """The main file, what it imports, and the data of all of them; `SoterError` as of `load`."""
+def files_of_program(path: str) -> list[Path]:
+    """The main file, all that it imports, and their files of data; `SoterError` as of `load`."""
     diagnostics = Diagnostics()
     loaded = load(path, diagnostics)
     if loaded is None:
@@ -304,24 +298,21 @@ def files_of(path: str) -> list[Path]:
 
 
 def _require_sealed_files(certificate: Certificate, path: str) -> None:
-    """RejectedError unless imports and data lie in the folder, and nothing else below `program/`.
-
-    What lies elsewhere is not sealed; what nobody reads is not part of what is checked.
-    """
-    root, paths = certificate.folder.resolve(), files_of(path)
+    """RejectedError unless the program reads all files below `program/`, and no others."""
+    root, paths = certificate.folder.resolve(), files_of_program(path)
     unread = {name for name in certificate.contents if name.startswith("program/")}
-    for own in paths:
-        resolved = own.resolve()
+    for path_read in paths:
+        resolved = path_read.resolve()
         name = resolved.relative_to(root).as_posix() if resolved.is_relative_to(root) else ""
         if name not in certificate.contents:
-            raise RejectedError(f"the program reads `{own.name}` outside the certificate")
+            raise RejectedError(f"the program reads `{path_read.name}` outside the certificate")
         unread.discard(name)
     for name in sorted(unread):
         raise RejectedError(f"the program does not read `{name}`")
 
 
-def _overrides(certificate: Certificate, program: TypedProgram) -> dict[str, Any]:
-    """Values of parameters; floats are written as C99 hexadecimal texts."""
+def _parameter_values(certificate: Certificate, program: TypedProgram) -> dict[str, Any]:
+    """The values of the parameters by the manifest; RejectedError for an unknown parameter."""
     params = certificate.manifest["params"]
     if not isinstance(params, dict):
         raise RejectedError("`params` is not as it should be")
@@ -334,19 +325,19 @@ def _overrides(certificate: Certificate, program: TypedProgram) -> dict[str, Any
     return value_by_name
 
 
-def _parameter_value(of: object, value: object, name: str) -> object:
-    if isinstance(of, FloatType):
-        return hexadecimal(value, name)
-    kind = {BoolType: bool, IntType: int, DurationType: int, EnumType: int}.get(type(of))
+def _parameter_value(type_: object, value: object, name: str) -> object:
+    if isinstance(type_, FloatType):
+        return number_from_hexadecimal(value, name)
+    kind = {BoolType: bool, IntType: int, DurationType: int, EnumType: int}.get(type(type_))
     if kind is None or type(value) is not kind:
         raise RejectedError(f"parameter `{name}` is not as it should be")
-    if isinstance(of, EnumType) and value not in range(len(of.members)):
+    if isinstance(type_, EnumType) and value not in range(len(type_.members)):
         raise RejectedError(f"parameter `{name}` is no member of its type")
     return value
 
 
-def hexadecimal(text: object, name: str) -> float:
-    """A finite number, written in the one way; RejectedError for any other text."""
+def number_from_hexadecimal(text: object, name: str) -> float:
+    """The finite number that a text of `float.hex` stands for; RejectedError for any other text."""
     try:
         value = float.fromhex(text)  # type: ignore[arg-type]  # checked here
     except (TypeError, ValueError, OverflowError):
@@ -356,16 +347,10 @@ def hexadecimal(text: object, name: str) -> float:
     return value
 
 
-FREE = frozenset({"P3", "ttf", "safer"})
-RETURN = frozenset({"P2b"})
-OF_SETS = FREE | RETURN | {"P2a", "start"}
-"""Claims that rest on K."""
-
-
 def refuse_cells(cores: Sequence[NDArray[Any]], claims: set[str], recover_ns: object) -> None:
-    """`RejectedError` for cells of K of which nothing is claimed, or a time to return.
+    """`RejectedError` for cells of K, or a time to return, on which no claim rests.
 
-    `cores`: K, one a group, of any shape.
+    `cores`: K of each group, of any shape.
     """
     if not claims & OF_SETS and any(core.any() for core in cores):
         raise RejectedError("K holds cells, and nothing is claimed of them")
@@ -374,7 +359,7 @@ def refuse_cells(cores: Sequence[NDArray[Any]], claims: set[str], recover_ns: ob
 
 
 def require_keys(entry: object, names: str, holder: str, optional: str = "") -> None:
-    """`RejectedError` unless an entry has these keys, some of the optional ones, and no other."""
+    """`RejectedError` unless an entry has all keys of `names`, and else only `optional` ones."""
     if not isinstance(entry, dict):
         raise RejectedError(f"{holder} is not as it should be")
     allowed = {*names.split(), *(name for name in optional.split() if name in entry)}
@@ -382,7 +367,7 @@ def require_keys(entry: object, names: str, holder: str, optional: str = "") -> 
         raise RejectedError(f"{holder} has {'no' if name in allowed else 'an unknown'} `{name}`")
 
 
-def stated_in(manifest: dict[str, Any]) -> list[RecheckAssumption]:
+def stated_assumptions(manifest: dict[str, Any]) -> list[RecheckAssumption]:
     """The assumptions that the prover wrote; RejectedError unless they are a list of text pairs."""
     stated = manifest.get("assumptions", [])
     if not isinstance(stated, list) or any(

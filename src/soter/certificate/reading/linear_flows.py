@@ -17,7 +17,7 @@ from flint import arb, arb_mat
 
 from soter.certificate.reading.case_model import control_inputs
 from soter.certificate.report import NotRecheckedError
-from soter.certificate.terms.linear_enclosures import HALF, ONE, UNIT, ZERO, above, exact, magnitude
+from soter.certificate.terms.linear_enclosures import HALF, ONE, UNIT, ZERO, exact, magnitude, upper
 from soter.certificate.terms.straight_line import (
     dot,
     plus_scaled,
@@ -53,7 +53,7 @@ class Solution:
 
 @dataclass(frozen=True, eq=False)
 class LinearFlow:
-    """One group. `members`: its states; `noise`: columns W; `ranges`: of the controls."""
+    """The flow of one group: `members` are its states, `noise` is W, `ranges` are those of u."""
 
     members: tuple[int, ...]
     a: Rows
@@ -63,7 +63,7 @@ class LinearFlow:
     ranges: tuple[tuple[arb, arb], ...]
 
     def solution(self, start: Fraction, end: Fraction) -> Solution:
-        """For all times in [start, end], in s; both may be negative."""
+        """The solution for all times in [start, end], in s; both may be negative."""
         n, m = len(self.members), len(self.ranges)
         # the last column of e^{At} is linear in the constants: large ones make no long series
         largest = max((float(abs(c).upper()) for c in self.constant), default=0.0)
@@ -75,8 +75,8 @@ class LinearFlow:
             [row[:n] for row in e], [row[n : n + m] for row in e], [row[-1] * unit for row in e]
         )
 
-    def added(self, columns: Rows, start: Fraction, end: Fraction) -> list[arb]:
-        """Bounds on what |w| <= 1 adds to each state in [start, end], by columns like W's."""
+    def noise_bounds(self, columns: Rows, start: Fraction, end: Fraction) -> list[arb]:
+        """Bounds on what |w| <= 1 adds to each state in [start, end]; `columns` stand for W's."""
         most = [ZERO] * len(columns)
         back = [[-x for x in row] for row in self.a]
         for time, a in ((-start, back), (end, self.a)):
@@ -86,7 +86,7 @@ class LinearFlow:
 
 
 def _noise_sizes(a: Rows, columns: Rows, time: Fraction) -> list[arb]:
-    """The integral of |e^{As} W| over [0, time], for each state the sum of all columns."""
+    """A bound for each state on the integral of |e^{As} W| over [0, time], summed over columns."""
     share = time / PIECES
     whole, around = product(integral(a, time), columns), _exponential_around_zero(a, share / 2)
     pieces = [
@@ -103,7 +103,7 @@ def _noise_sizes(a: Rows, columns: Rows, time: Fraction) -> list[arb]:
 
 
 def _absolute_integral(whole: arb, over: Sequence[arb], share: arb) -> arb:
-    """A bound on the integral of |f| from that of f and its ranges over equal pieces of time.
+    """A bound on the integral of |f|, from that of f and the ranges of f on equal pieces of time.
 
     |f| = f + 2 max(-f, 0) = -f + 2 max(f, 0).
     """
@@ -132,7 +132,7 @@ def _reachable_entries(a: Rows) -> list[list[bool]]:
 
 
 def _with_exact_entries(a: Rows, e: Rows) -> Rows:
-    """`e` as a matrix e^{At}, with the entries that are 0 or 1 by the zeros of A exactly so."""
+    """The matrix `e` = e^{At}, with those entries exact that are 0 or 1 by the zeros of A."""
     reach = _reachable_entries(a)
     return [
         [x if reach[i][j] else (ONE if i == j else ZERO) for j, x in enumerate(row)]
@@ -150,14 +150,14 @@ def exponential(a: Rows, start: Fraction, end: Fraction) -> Rows:
 
 
 def _exponential(a: Rows, middle: Fraction, around: Rows) -> Rows:
-    """e^{A middle} times `around`; entries that are 0 or 1 by the zeros of A are exact."""
+    """e^{A middle} times `around`, which is e^{At} for t around 0; sure 0s and 1s are exact."""
     return _with_exact_entries(a, product((arb_mat(a) * exact(middle)).exp().tolist(), around))
 
 
 def _exponential_around_zero(a: Rows, width: Fraction) -> Rows:
-    """e^{At} for all t in [-width, width].
+    """The matrix e^{At} for all t in [-width, width], by its series.
 
-    As many terms as make the rest a series that is at least halved from term to term.
+    The series has so many terms that behind them each term is at most half of the one before.
     """
     half, absolute = exact(width), [list(map(magnitude, row)) for row in a]
     theta, scales = scaled_row_sum(absolute, half)
@@ -185,13 +185,13 @@ def scaled_row_sum(a: Rows, time: arb) -> tuple[arb, list[arb]]:
     """`time` times the largest sum of |a_ij| d_j / d_i over a row, and the scales d.
 
     With S this sum an entry of |A|^k is at most S^k d_i / d_j, whatever the scales are. They are
-    powers of 2, moved towards those with which all sums are one for as long as that gains a tenth.
+    powers of 2, moved towards those that make all sums equal for as long as that gains a tenth.
     """
     sizes, scales = [list(map(magnitude, row)) for row in a], [ONE] * len(a)
     theta = time * reduce(arb.max, map(total, sizes), ZERO)
     while 1 < theta < arb.pos_inf():
         sums = [dot(row, scales) / d for row, d in zip(sizes, scales, strict=True)]
-        halves = [round(math.log2(max(above(time * x), 2.0**-FAR)) / 2) for x in sums]
+        halves = [round(math.log2(max(upper(time * x), 2.0**-FAR)) / 2) for x in sums]
         other = [d * exact(2.0**k) for d, k in zip(scales, halves, strict=True)]
         rows = [dot(row, other) / d for row, d in zip(sizes, other, strict=True)]
         less = time * reduce(arb.max, rows, ZERO)
@@ -217,32 +217,32 @@ def integrals(a: Rows, start: Fraction, end: Fraction) -> Rows:
 # ---------------------------------------------------------------- reading
 
 
-def is_linear(model: CaseModel, members: Sequence[int]) -> bool:
-    """Whether the rates of these states are linear in everything they depend on."""
+def has_linear_rates(model: CaseModel, members: Sequence[int]) -> bool:
+    """Whether the rates of these states are linear in states, commands and disturbances."""
     rows = _rows_of_all_states(model)
     return all(rows[i] is not None for i in members)
 
 
 def linear_flow(model: CaseModel, members: Sequence[int]) -> LinearFlow:
-    """The flow of a group; what other groups do to it counts as a disturbance.
+    """The flow of a group, with the states of other groups as disturbances.
 
     NotRecheckedError where a state of the group has no linear flow.
     """
     rows = _rows_of_all_states(model)
-    own = [row for i in members if (row := rows[i]) is not None]
-    if len(own) != len(members):
+    rows_of_group = [row for i in members if (row := rows[i]) is not None]
+    if len(rows_of_group) != len(members):
         raise NotRecheckedError("a flow that is not linear is not solved at once")
     noises: Rows = []
     constants = []
-    for row in own:
-        c, outside = _from_outside(model, row, members)
+    for row in rows_of_group:
+        c, outside = _outside_noise(model, row, members)
         noises.append([*row.noise, *outside])
         constants.append(c)
     used = [k for k in range(len(noises[0])) if not all(r[k].is_zero() for r in noises)]
     return LinearFlow(
         tuple(members),
-        [[row.a[j] for j in members] for row in own],
-        [list(row.b) for row in own],
+        [[row.a[j] for j in members] for row in rows_of_group],
+        [list(row.b) for row in rows_of_group],
         constants,
         [[r[k] for k in used] for r in noises],
         tuple((exact(c.low), exact(c.high)) for c in model.facts.controls),
@@ -251,7 +251,7 @@ def linear_flow(model: CaseModel, members: Sequence[int]) -> LinearFlow:
 
 @dataclass(frozen=True, eq=False)
 class FlowRow:
-    """x_i' = a x + b u + constant + noise w, |w| <= 1."""
+    """The rate of one state: x_i' = a x + b u + constant + noise w, with |w| <= 1."""
 
     a: list[arb]
     b: list[arb]
@@ -259,8 +259,8 @@ class FlowRow:
     noise: list[arb]
 
 
-def _from_outside(model: CaseModel, row: FlowRow, members: Sequence[int]) -> tuple[arb, list[arb]]:
-    """A row's constant, and its noise by states that are no members: anywhere in their extents."""
+def _outside_noise(model: CaseModel, row: FlowRow, members: Sequence[int]) -> tuple[arb, list[arb]]:
+    """A row's constant and its noise, where states outside of the group lie in their extents."""
     c, outside = row.constant, [ZERO] * len(model.extents)
     for j, (low, high) in enumerate(model.extents):
         if j not in members and not row.a[j].is_zero():
@@ -271,7 +271,7 @@ def _from_outside(model: CaseModel, row: FlowRow, members: Sequence[int]) -> tup
 
 
 def _rows_of_all_states(model: CaseModel) -> list[FlowRow | None]:
-    """The rows of all states; None where a rate is not linear."""
+    """The rates of all states as rows; None where a rate is not linear."""
     terms, states = model.new_terms()
     controls = control_inputs(model.facts, terms)
     rates, disturbances = model.rates(terms, states, controls)

@@ -36,7 +36,7 @@ class DiffersError(RejectedError):
 
 @dataclass(frozen=True)
 class Input:
-    """One scalar input: `owner` is a component for states and disturbances, else a topic."""
+    """One scalar input. `owner` is a component for states and disturbances, otherwise a topic."""
 
     kind: InputKind
     name: str
@@ -66,7 +66,7 @@ class StateParameter:
 
 @dataclass(eq=False)
 class Facts:
-    """The program's statements on one module. States have the range of their initial values."""
+    """The facts about one module in the program. States have the range of their initial values."""
 
     system: System
     module: Module
@@ -126,25 +126,25 @@ class Facts:
 
     @property
     def jitter_ns(self) -> int:
-        """j: the most by which the instants vary at which outputs act."""
+        """j: the length of the window, the same after each release, in which SC's output acts."""
         return self.times["j_ns"]
 
     @property
-    def late_commands(self) -> bool:
+    def has_late_commands(self) -> bool:
         """Whether commands may act so late that several outputs are on their way at a time."""
         return 2 * self.jitter_ns > self.times["delta_ns"]
 
     @property
     def start_ns(self) -> int:
-        """Until then, in ns, any command may act: SC's first output on a state may take so long."""
+        """The time in ns up to which any command may act, as SC has answered no state before."""
         return max(self.times["h0_ns"], self.own.start)
 
     @property
     def decide_ns(self) -> int:
-        """The longest time, in ns, from a state to a verdict in force on it or a later one.
+        """The longest time, in ns, from a state until a verdict on it, or a later one, is in force.
 
-        A read is at most A old: from A after the state on every DM sees it, the next one is due
-        within Delta, starts and answers late.
+        A read is at most A old: from A after the state on every DM sees it; the next DM is due
+        within Delta, starts late and answers late.
         """
         t = self.times
         return t["A_ns"] + t["Delta_ns"] + t["J_dm_ns"] + t["R_dm_ns"]
@@ -161,7 +161,7 @@ class Facts:
 
     @property
     def computed(self) -> bool:
-        """Whether `ttf` and `safer` are left to the prover."""
+        """Whether the program leaves `ttf` and `safer` to the prover."""
         return self.symbol.ttf is None and self.symbol.safer is None
 
     @property
@@ -174,18 +174,18 @@ class Facts:
 
     @property
     def modes(self) -> bool:
-        """Whether SC or a predicate looks at the mode of a module."""
+        """Whether SC or a predicate reads the mode of a module."""
         code = () if self.sc.node is None else self.sc.node.step
         return reads_mode([*code, *self.symbol.predicates])
 
     @property
-    def commanding(self) -> list[Component]:
-        """The controllers that may command what it commands."""
-        own = self.flying_module.index
-        return [c for c in self.flying.components if c.module == own and c.role in ("ac", "sc")]
+    def controllers(self) -> list[Component]:
+        """The controllers of the module: AC and SC, which alone may publish its outputs."""
+        index = self.flying_module.index
+        return [c for c in self.flying.components if c.module == index and c.role in ("ac", "sc")]
 
     def read_by_dm(self, ttf: typed.TypedExpr | None) -> list[typed.TopicSymbol]:
-        """The topics that `safer` and this form of `ttf` read; none where they are computed."""
+        """The topics that `safer` and this form of `ttf` read; none of computed predicates."""
         return list(topic_reads(*(p for p in (ttf, self.symbol.safer) if p is not None)))
 
     def cases(self) -> Iterator[tuple[int, ...]]:
@@ -204,7 +204,7 @@ def driven_topics(facts: Facts) -> dict[int, tuple[Component, typed.TypedExpr]]:
 
 
 def topics_read(facts: Facts) -> tuple[list[int], list[int]]:
-    """The topics that plants drive and the DM reads, and those that SC reads."""
+    """The driven topics that the DM reads, and those that SC reads."""
     driven = driven_topics(facts)
     by_dm = [facts.module.scope.topics[t] for t in facts.read_by_dm(facts.symbol.ttf)]
     by_sc = [facts.sc.scope.topics[t] for t in topics_read_by_sc(facts.sc)]
@@ -216,9 +216,9 @@ def topics_read(facts: Facts) -> tuple[list[int], list[int]]:
 
 
 def bounded_topics(facts: Facts) -> list[int]:
-    """Topics with a declared set that plants drive: what they publish outside of it stops them.
+    """The driven topics with a declared set; a plant that would publish outside of it stops.
 
-    Of an abstraction, too, all: it says nothing of the vehicle once it has stopped.
+    All of an abstraction's are among them: it says nothing of the vehicle once it has stopped.
     """
     return [
         index
@@ -244,12 +244,12 @@ def reads_mode(code: Iterable[object]) -> bool:
 
 
 def topics_of_others(c: Component, module: Module) -> list[typed.TopicSymbol]:
-    """The topics that move a plant and that others publish, in the order in which it reads them."""
+    """The topics that move a plant and are no outputs of the module, in the order of its reads."""
     assert c.plant is not None
     moves = [*(e for _, e in c.plant.lets), *c.plant.der.values(), *c.plant.next.values()]
     mentioned = topic_reads(*moves)
-    own = set(module.outputs)
-    return [t for t in c.plant.reads if t in mentioned and c.scope.topics[t] not in own]
+    outputs = set(module.outputs)
+    return [t for t in c.plant.reads if t in mentioned and c.scope.topics[t] not in outputs]
 
 
 def topics_read_by_sc(sc: Component) -> list[typed.TopicSymbol]:
@@ -259,6 +259,6 @@ def topics_read_by_sc(sc: Component) -> list[typed.TopicSymbol]:
     return list(topic_reads(*(sc.node.takeover or ()), *sc.node.step))
 
 
-def number_of(facts: Facts, expr: typed.TypedExpr | None) -> Any:  # noqa: ANN401  a Soter value
-    """The value of a constant expression of the module; 0 where there is none."""
+def const_value(facts: Facts, expr: typed.TypedExpr | None) -> Any:  # noqa: ANN401  a Soter value
+    """The value of a constant expression of the module; 0 for None."""
     return 0 if expr is None else Evaluator(facts.module.scope.params).value(expr)

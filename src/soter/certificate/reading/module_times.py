@@ -20,15 +20,15 @@ from soter.certificate.reading.derived_times import (
     TimingSetting,
     TopicReading,
     Ways,
-    derive,
-    nodes_between,
+    derive_times,
+    has_nodes_between,
 )
 from soter.certificate.reading.folder import require_keys
 from soter.certificate.reading.module_facts import (
     DiffersError,
     Facts,
+    const_value,
     driven_topics,
-    number_of,
     topics_read,
 )
 from soter.certificate.report import NotRecheckedError, RejectedError
@@ -42,18 +42,27 @@ DELAYS = {
     "L_ns": ("acts within", "acts"),
 }
 """Name in the manifest -> how the program says it, and where the `verify` block has it."""
+DECLARED_KEYS = ("Delta_ns", "delta_ns", "J_dm_ns", "J_sc_ns", "R_dm_ns", "R_sc_ns", "L_ns")
+"""Times that the program declares: a manifest has them unchanged."""
+DERIVED_KEYS = ("A_ns", "A_sc_ns", "H_star_ns", "d_ns", "j_ns", "h0_ns")
+"""Times that follow: a manifest may claim more schedules than there are, never fewer."""
+TIME_KEYS = (*DECLARED_KEYS, *DERIVED_KEYS, "H_ns")
+ACTED_KEY = "W_ns"
+"""Beside these, of a module with a shield over a flow: what its DM remembers commands for."""
+BEYOND, BEYOND_NS = 4, 1_000_000_000
+"""A time beyond this multiple of ours, plus all times and so many ns, would only cost work."""
 
 
-def _check_instants(facts: Facts, reads: tuple[list[int], list[int]]) -> None:
+def _check_published_together(facts: Facts, reads: tuple[list[int], list[int]]) -> None:
     driven = driven_topics(facts)
     for together in reads:
         if len({(driven[t][0].period_ns, driven[t][0].phase_ns) for t in together}) > 1:
             raise DiffersError("what is read together is published at different times")
 
 
-def _check_max_ages(setting: TimingSetting, own: DerivedTimes) -> None:
+def _check_max_ages(setting: TimingSetting, times: DerivedTimes) -> None:
     for read in setting.by_sc:
-        oldest = own.stamps.get(read.name, 0)
+        oldest = times.stamps.get(read.name, 0)
         if oldest > read.max_age:
             raise DiffersError(
                 f"R011: what SC reads of `{read.name}` may be {show_ns(oldest)} old, "
@@ -64,19 +73,19 @@ def _check_max_ages(setting: TimingSetting, own: DerivedTimes) -> None:
 def read_times(facts: Facts) -> None:
     """Enters into `facts` every time in ns, by its name in the manifest: declared or derived.
 
-    DiffersError where what is declared contradicts the program, NotRecheckedError where times are
-    none that are read here.
+    DiffersError where declared times contradict the program, NotRecheckedError where a case is not
+    understood.
     """
     verify = facts.symbol.verify
     time_by_name = {"Delta_ns": facts.module.period_ns, "delta_ns": facts.sc.period_ns}
     for key, (_, name) in DELAYS.items():
-        time_by_name[key] = number_of(facts, getattr(verify, name))
+        time_by_name[key] = const_value(facts, getattr(verify, name))
     by_dm, by_sc = topics_read(facts)
     if not verify.abstracts:
-        _check_instants(facts, (by_dm, by_sc))
+        _check_published_together(facts, (by_dm, by_sc))
     running = {facts.running[i] for i in (*by_dm, *by_sc)}
-    if verify.abstracts or nodes_between(facts.flying, facts.flying_module, running):
-        number = partial(number_of, facts)
+    if verify.abstracts or has_nodes_between(facts.flying, facts.flying_module, running):
+        number = partial(const_value, facts)
         facts.ways = extras.node_paths.NodeWays(facts.flying, facts.flying_module, number)
     else:
         facts.ways = Ways(facts.flying, facts.flying_module)
@@ -84,36 +93,37 @@ def read_times(facts: Facts) -> None:
     if setting.silent or type(facts.ways) is not Ways:  # else one clock shows all that is read
         extras.node_paths.check_ways(facts, setting, (by_dm, by_sc))
     if verify.abstracts:
-        extras.views.check_abstracted_sensors(facts, {*by_dm, *by_sc})
+        extras.views.require_abstracted_sensors(facts, {*by_dm, *by_sc})
     if facts.kind == "map":
-        extras.maps.check_instants(facts, setting)
-    own = derive(setting)
+        extras.maps.require_instants_of_map(facts, setting)
+    derived = derive_times(setting)
     # With nodes R015 holds; and so none of them skips an output (R018): let one step before it sees
     # output k, and next when k + 1 is there. Then k may not act before k + 1 may, by the same step
     # and the same nodes behind it, so that j would be delta or more.
-    if 2 * own.jitter > setting.sc.period:
+    if 2 * derived.jitter > setting.sc.period:
         _check_late_commands(facts, setting)
-    _check_max_ages(setting, own)
-    time_by_name |= {"A_ns": own.age, "A_sc_ns": own.age_sc, "d_ns": own.delay, "j_ns": own.jitter}
-    time_by_name |= {"h0_ns": own.h_0, "H_star_ns": own.h_star, "H_ns": own.h_star}
+    _check_max_ages(setting, derived)
+    time_by_name |= {"A_ns": derived.age, "A_sc_ns": derived.age_sc, "d_ns": derived.delay}
+    time_by_name |= {"j_ns": derived.jitter, "h0_ns": derived.h_0}
+    time_by_name |= {"H_star_ns": derived.h_star, "H_ns": derived.h_star}
     if verify.horizon is not None:
-        time_by_name["H_ns"] = int(number_of(facts, verify.horizon))
+        time_by_name["H_ns"] = int(const_value(facts, verify.horizon))
     in_step = [name for kind, name in facts.ways.notes if kind == "in step"]
     if facts.flying.timed:
-        facts.thread = extras.thread_times.check_thread(
+        facts.thread = extras.thread_times.check_thread_times(
             facts.flying, facts.flying_module, setting, in_step
         )
-    facts.times, facts.own, facts.setting = time_by_name, own, setting
+    facts.times, facts.own, facts.setting = time_by_name, derived, setting
 
 
 def _timing_setting(
     facts: Facts, by_dm: list[int], by_sc: list[int], times: dict[str, int]
 ) -> TimingSetting:
-    """The facts on which the times depend; topics are those of the system that runs."""
+    """Collects the facts on which the times depend; topics are those of the system that runs."""
     system, module = facts.flying, facts.flying_module
     dm, sc = system.components[module.dm], system.components[module.sc]
 
-    def reads(topics: list[int]) -> tuple[TopicReading, ...]:
+    def readings_of(topics: list[int]) -> tuple[TopicReading, ...]:
         found = []
         for index in topics:
             age, running = facts.system.topics[index].max_age_ns, facts.running[index]
@@ -123,23 +133,24 @@ def _timing_setting(
             found.append(TopicReading(name, facts.ways.ways_to(running), age))
         return tuple(found)
 
-    found_dm, found_sc = reads(by_dm), reads(by_sc)  # before effects: they say what is vehicle
+    # before effects: these say what is vehicle
+    found_dm, found_sc = readings_of(by_dm), readings_of(by_sc)
     if facts.symbol.verify.age is not None:
-        most = number_of(facts, facts.symbol.verify.age)
+        most = const_value(facts, facts.symbol.verify.age)
         found_sc = tuple(replace(r, max_age=min(r.max_age, most)) for r in found_sc)
     return TimingSetting(
         Clock("the DM", module.period_ns, dm.phase_ns, times["J_dm_ns"], times["R_dm_ns"]),
         Clock("SC", sc.period_ns, sc.phase_ns, times["J_sc_ns"], times["R_sc_ns"]),
         found_dm,
         found_sc,
-        facts.ways.effects(number_of(facts, facts.symbol.verify.acts_least), times["L_ns"]),
-        number_of(facts, facts.symbol.verify.dropout),
+        facts.ways.find_effects(const_value(facts, facts.symbol.verify.acts_least), times["L_ns"]),
+        const_value(facts, facts.symbol.verify.dropout),
         facts.kind == "map",
     )
 
 
 def _check_late_commands(facts: Facts, setting: TimingSetting) -> None:
-    """NotRecheckedError where no argument is known of an SC whose jitter exceeds half its period.
+    """NotRecheckedError where SC's jitter exceeds half its period, and we have no argument.
 
     Chains of grids have one (`flow_chains.py`).
     """
@@ -157,22 +168,11 @@ def _check_late_commands(facts: Facts, setting: TimingSetting) -> None:
             raise NotRecheckedError(f"an SC whose jitter exceeds half its period, with {reason}")
 
 
-DECLARED_KEYS = ("Delta_ns", "delta_ns", "J_dm_ns", "J_sc_ns", "R_dm_ns", "R_sc_ns", "L_ns")
-"""Times that the program declares: a manifest has them unchanged."""
-DERIVED_KEYS = ("A_ns", "A_sc_ns", "H_star_ns", "d_ns", "j_ns", "h0_ns")
-"""Times that follow: a manifest may claim more schedules than there are, never fewer."""
-TIME_KEYS = (*DECLARED_KEYS, *DERIVED_KEYS, "H_ns")
-ACTED_KEY = "W_ns"
-"""Beside these, of a module with a shield over a flow: what its DM remembers commands for."""
-BEYOND, BEYOND_NS = 4, 1_000_000_000
-"""A time beyond this multiple of ours, plus all times and so many ns, would only cost work."""
-
-
 def compare_times(facts: Facts, entry: dict[str, Any]) -> None:
-    """Declared times are those of the program, derived ones no shorter; the longer ones count.
+    """Requires declared times as in the program and derived ones no shorter; enters the longer.
 
     Older reads, wider windows, a longer horizon: a claim about more schedules implies ours.
-    RejectedError where they are shorter, NotRecheckedError where nobody needs such long ones.
+    RejectedError for shorter times, NotRecheckedError for longer ones than anybody needs.
     """
     keys: tuple[str, ...] = TIME_KEYS
     if ACTED_KEY in entry and facts.symbol.shield is not None and facts.kind == "flow":
@@ -183,13 +183,13 @@ def compare_times(facts: Facts, entry: dict[str, Any]) -> None:
     own_jitter = facts.times["j_ns"]
     together = sum(facts.times[k] for k in keys) + sum(ages)
     for key in keys:
-        value, own = entry[key], facts.times[key]
+        value, by_program = entry[key], facts.times[key]
         if not isinstance(value, int) or isinstance(value, bool):
             raise RejectedError(f"{key} is no time in the manifest")
         fixed = key in DECLARED_KEYS or (key == "H_ns" and facts.symbol.verify.horizon is not None)
-        if value < own or (fixed and value != own):
-            raise RejectedError(f"{key} is {value} in the manifest, {own} by the program")
-        if value > BEYOND * own + together + BEYOND_NS:
+        if value < by_program or (fixed and value != by_program):
+            raise RejectedError(f"{key} is {value} in the manifest, {by_program} by the program")
+        if value > BEYOND * by_program + together + BEYOND_NS:
             raise NotRecheckedError(f"{key} is {value} in the manifest, which no program needs")
         facts.times[key] = value
     if 2 * own_jitter <= facts.times["delta_ns"] < 2 * facts.times["j_ns"]:

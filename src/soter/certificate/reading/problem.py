@@ -20,9 +20,9 @@ from soter.certificate.reading.module_facts import (
     Facts,
     Input,
     StateParameter,
+    const_value,
     driven_topics,
     named_leaves,
-    number_of,
     topics_of_others,
     topics_read_by_sc,
 )
@@ -47,10 +47,10 @@ LARGEST_ERROR = 2.0**1000
 
 
 def read_facts(flat_system: System, name: str, view: str = "") -> Facts:
-    """The problem of the module instance called `name`, as one of its views sees it.
+    """Reads the problem of the module called `name`, in one of its views where it has views.
 
-    DiffersError where there is no such module, NotRecheckedError where its problem is none that is
-    read here.
+    DiffersError where there is no such module, NotRecheckedError where this reader does not know
+    its problem.
     """
     modules = [m for m in flat_system.modules if m.name == name]
     if len(modules) != 1:
@@ -63,7 +63,7 @@ def read_facts(flat_system: System, name: str, view: str = "") -> Facts:
     elif runs.symbol.verify.views:
         raise NotRecheckedError(f"`{name}` is proved in views")
     if runs.symbol.verify.abstracts:
-        system, module, plants = extras.views.abstracted_system(flat_system, runs)
+        system, module, plants = extras.views.make_abstracted_system(flat_system, runs)
     else:
         system, module, plants = flat_system, runs, _plants_of(flat_system, runs)
     if not plants:
@@ -77,7 +77,7 @@ def read_facts(flat_system: System, name: str, view: str = "") -> Facts:
     if system is flat_system:
         facts.running = {topic.index: topic.index for topic in system.topics}
     else:
-        extras.views.check_same_as_flown(facts)
+        extras.views.require_same_as_flown(facts)
     for c in plants:
         _read_states(facts, c)
         _read_disturbances(facts, c)
@@ -85,7 +85,7 @@ def read_facts(flat_system: System, name: str, view: str = "") -> Facts:
     _read_topics(facts)
     read_times(facts)
     levels = module.symbol.verify.levels
-    facts.levels = 3 if levels is None else number_of(facts, levels)
+    facts.levels = 3 if levels is None else const_value(facts, levels)
     return facts
 
 
@@ -124,13 +124,13 @@ def _plant_kind(c: Component) -> Literal["flow", "map"]:
 
 
 def _read_states(facts: Facts, c: Component) -> None:
-    """Numbers that move, with the range of their initial values; all else is a parameter.
+    """Enters a plant's floats as states with the ranges they start in, other values as parameters.
 
     A run may start as the plant declares it, and where the map of `abstracts` puts what flies.
     """
     plant = c.plant
     assert plant is not None
-    begun = extras.views.flown(facts, c.name) if facts.symbol.verify.abstracts else None
+    begun = extras.views.states_at_start(facts, c.name) if facts.symbol.verify.abstracts else None
     starts = zip(plant.states, c.initial, c.initial_range, begun or c.initial, strict=True)
     for variable, initial, drawn, real in starts:
         moves = variable in plant.der or variable in plant.next
@@ -148,19 +148,18 @@ def _read_states(facts: Facts, c: Component) -> None:
                 raise NotRecheckedError(f"the state `{name}` moves and is no float")
             else:
                 begins = (int(values[k]), int(reals[k]))
-                every = _values_of(of, name)
+                every = _discrete_values(of, name)
                 parameter = StateParameter(name, c.index, variable.name, k, every, begins)
                 facts.parameters.append(parameter)
 
 
 def _read_disturbances(facts: Facts, c: Component) -> None:
-    """A plant's own disturbances, and what others publish that moves it, as disturbances do."""
+    """Enters the disturbances of a plant, and what others publish that moves it."""
     for d in c.disturbances:
         for k, name, of in named_leaves(f"{c.name}.{d.variable.name}", d.variable.type):
-            if not isinstance(of, FloatType):
-                raise NotRecheckedError(f"the disturbance `{name}` is no float")
-            own = Input("disturbance", name, c.index, k, d.low, d.high, unit=of.unit)
-            facts.disturbances.append(replace(own, variable=d.variable.name))
+            assert isinstance(of, FloatType)  # else T018
+            disturbance = Input("disturbance", name, c.index, k, d.low, d.high, unit=of.unit)
+            facts.disturbances.append(replace(disturbance, variable=d.variable.name))
     for symbol in topics_of_others(c, facts.module):
         for x in _leaves_of(facts, c.scope.topics[symbol], "disturbance"):
             path = x.name.removeprefix(facts.system.topics[x.owner].name)
@@ -170,18 +169,18 @@ def _read_disturbances(facts: Facts, c: Component) -> None:
             )
 
 
-def _values_of(of: Type, name: str) -> tuple[int, ...]:
-    if isinstance(of, BoolType):
+def _discrete_values(type_: Type, name: str) -> tuple[int, ...]:
+    if isinstance(type_, BoolType):
         return (0, 1)
-    if isinstance(of, EnumType):
-        return tuple(range(len(of.members)))
-    if isinstance(of, IntType) and of.high - of.low < PARAMETER_VALUES_MAX:
-        return tuple(range(of.low, of.high + 1))
+    if isinstance(type_, EnumType):
+        return tuple(range(len(type_.members)))
+    if isinstance(type_, IntType) and type_.high - type_.low < PARAMETER_VALUES_MAX:
+        return tuple(range(type_.low, type_.high + 1))
     raise NotRecheckedError(f"the parameter `{name}` has too many values")
 
 
 def _read_topics(facts: Facts) -> None:
-    """Enter the commands, the errors of what is read, and topics that are read and not driven."""
+    """Enters the commands, the errors of topics that are read, and topics that no plant drives."""
     module, sc, symbol = facts.module, facts.sc, facts.symbol
     by_sc = [sc.scope.topics[t] for t in topics_read_by_sc(sc)]
     errors_of = {*by_sc, *(module.scope.topics[t] for t in facts.read_by_dm(symbol.ttf))}
@@ -224,7 +223,7 @@ def _leaves_of(facts: Facts, index: int, kind: InputKind) -> Iterator[Input]:
 
 
 def _read_axes(facts: Facts) -> None:
-    """Enter the declared axis of each state; what is not declared is a choice of the prover."""
+    """Enters the declared axis of each state. The prover may choose the others."""
     for group in facts.symbol.verify.groups:
         for axis in group.axes:
             state = _state_of_axis(facts, axis)
@@ -236,14 +235,14 @@ def _read_axes(facts: Facts) -> None:
                 facts.unbounded.add(state)
             else:
                 ends = axis.low, axis.high if axis.open is None else axis.open
-                low, high = (float(number_of(facts, e)) for e in ends)
+                low, high = (float(const_value(facts, e)) for e in ends)
                 facts.axes[state] = low, high
                 if axis.open is not None:
                     facts.open_ends.add(state)
 
 
 def _state_of_axis(facts: Facts, axis: typed.TypedGridAxis) -> int | None:
-    """The state that an axis names; None for a topic leaf that is not plainly one state."""
+    """The number of the state that an axis names; None where its topic leaf is not just a state."""
     if axis.topic is None:
         wanted = leaf_name(axis.instance, axis.path)
         named = [i for i, s in enumerate(facts.states) if ("." + s.name).endswith("." + wanted)]
@@ -255,7 +254,7 @@ def _state_of_axis(facts: Facts, axis: typed.TypedGridAxis) -> int | None:
 
 
 def _topic_of_axis(facts: Facts, topic: typed.TopicSymbol) -> int:
-    """The topic that an axis names, as the module sees it; -1 where it does not."""
+    """The number of the topic that an axis names; -1 where neither module nor SC knows it."""
     for scope in (facts.module.scope.topics, facts.sc.scope.topics):
         if topic in scope:
             return scope[topic]
@@ -265,7 +264,7 @@ def _topic_of_axis(facts: Facts, topic: typed.TopicSymbol) -> int:
 def state_published(
     facts: Facts, c: Component, expr: typed.TypedExpr, path: tuple[str, ...]
 ) -> int | None:
-    """The state that a leaf of a driven topic is, where it is just a state."""
+    """The number of the state that a leaf of a driven topic shows; None if it is no bare state."""
     plant = c.plant
     assert plant is not None
     if isinstance(expr, typed.VarRead):
@@ -280,12 +279,12 @@ def state_published(
     if isinstance(expr, typed.Index) and isinstance(expr.index, typed.Literal):
         return state_published(facts, c, expr.target, (f"[{expr.index.value}]", *path))
     if isinstance(expr, typed.Aggregate) and path:
-        element = _element(expr, path[0])
+        element = _element_of_aggregate(expr, path[0])
         return None if element is None else state_published(facts, c, element, path[1:])
     return None
 
 
-def _element(expr: typed.Aggregate, part: str) -> typed.TypedExpr | None:
+def _element_of_aggregate(expr: typed.Aggregate, part: str) -> typed.TypedExpr | None:
     fields = getattr(expr.type, "fields", None)
     names = [n for n, _ in fields] if fields else [f"[{i}]" for i in range(len(expr.elements))]
     if part not in names:

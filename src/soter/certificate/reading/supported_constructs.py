@@ -1,8 +1,8 @@
 """What the re-checker understands of a program: a positive list.
 
-Purpose: `check_supported`: every construct of SC, module, plants and the functions they call is on
-the list, with every field that it has; whatever is not, is not rechecked. A construct or field that
-is added to the language is refused until somebody puts it here.
+Purpose: `require_supported`: every construct of SC, module, plants and the functions they call is
+on the list, with every field that it has; whatever is not, is not rechecked. A construct or field
+that is added to the language is refused until somebody puts it here.
 Non-goals: what the constructs mean (`symbolic_reading.py`, `problem.py`); AC, of which nothing is
 assumed but what the gate enforces.
 """
@@ -103,8 +103,8 @@ ELABORATED: dict[type, str] = {
 ROLES = ("plant", "dm", "sc", "ac", "node")
 
 
-def check_supported(facts: Facts, *, followed: bool = False) -> None:
-    """`NotRecheckedError` for the first thing that is not on the list; `followed`: as `rest` is."""
+def require_supported(facts: Facts, *, followed: bool = False) -> None:
+    """`NotRecheckedError` for the first thing off the list; `followed`: `rest` stands on it."""
     for declared in (*CODE, *DECLARATIONS, *ELABORATED):
         _require_known_fields(declared)
     module = facts.flying_module
@@ -130,17 +130,17 @@ def check_supported(facts: Facts, *, followed: bool = False) -> None:
 
 def _require_known_components(facts: Facts) -> None:
     for c in facts.flying.components:
-        if c.plant and any(isinstance(x, t.TypedChoose) for x in parts_of(equations(c.plant))):
+        if c.plant and any(isinstance(x, t.TypedChoose) for x in code_parts(plant_code(c.plant))):
             raise NotRecheckedError(f"the plant `{c.name}` chooses")
         if c.role not in ROLES:
             raise NotRecheckedError(f"`{c.name}` is a {c.role}, which is not known here")
 
 
-def _require_known_fields(of: type) -> None:
-    known = {**CODE, **DECLARATIONS, **ELABORATED}.get(of)
-    field_names = {f.name for f in fields(of)} if is_dataclass(of) else set()
+def _require_known_fields(declared: type) -> None:
+    known = {**CODE, **DECLARATIONS, **ELABORATED}.get(declared)
+    field_names = {f.name for f in fields(declared)} if is_dataclass(declared) else set()
     if known is None or field_names - set(known.split()):
-        name = of.__name__.removeprefix("Typed")
+        name = declared.__name__.removeprefix("Typed")
         raise NotRecheckedError(f"`{name}` is not known here as this language has it")
 
 
@@ -148,7 +148,7 @@ def _require_known_fields(of: type) -> None:
 
 
 def _require_supported_sc(sc: t.NodeSymbol, *, followed: bool = False) -> None:
-    """NotRecheckedError unless SC only does its step, and all parts of that are on the list."""
+    """NotRecheckedError unless SC only does its step, and all parts of the step are on the list."""
     if sc.extern:
         raise NotRecheckedError("SC is not Soter source: nothing is known about its commands")
     if sc.takeover and not followed:
@@ -163,10 +163,10 @@ def _require_supported_sc(sc: t.NodeSymbol, *, followed: bool = False) -> None:
 
 
 def _require_own_topics(facts: Facts) -> None:
-    """NotRecheckedError where others publish the module's outputs, or SC's topics are a queue."""
+    """NotRecheckedError where others publish the module's outputs, or SC reads a queue."""
     outputs = set(facts.flying_module.outputs)
-    own = facts.commanding
-    for c in (c for c in facts.flying.components if c not in own):
+    controllers = facts.controllers
+    for c in (c for c in facts.flying.components if c not in controllers):
         written = [t for t, _ in c.plant.drives] if c.plant else c.node.publishes if c.node else ()
         for topic in written:
             if c.scope.topics[topic] in outputs:
@@ -185,12 +185,12 @@ def _require_known_plant(c: Component) -> None:
         raise NotRecheckedError(f"the plant `{c.name}` is extern")
     if c.phase_ns != 0:
         raise NotRecheckedError(f"the plant `{c.name}` does not publish at the start")
-    for root in equations(c.plant):
+    for root in plant_code(c.plant):
         _require_known_code(root, f"the plant `{c.name}`")
 
 
-def equations(plant: t.PlantSymbol) -> list[object]:
-    """All code of a plant."""
+def plant_code(plant: t.PlantSymbol) -> list[object]:
+    """All expressions of a plant."""
     pairs = (*plant.drives, *plant.lets, *plant.der.items(), *plant.next.items())
     return [expr for _, expr in pairs]
 
@@ -199,8 +199,8 @@ def equations(plant: t.PlantSymbol) -> list[object]:
 
 
 def _require_known_code(root: object, where: str) -> None:
-    """NotRecheckedError unless all parts of some code, and of what it calls, are on the list."""
-    for part in parts_of([root]):
+    """NotRecheckedError unless code and functions that it calls have only parts on the list."""
+    for part in code_parts([root]):
         if type(part) not in CODE:
             name = _WORDS.get(type(part), type(part).__name__.removeprefix("Typed").lower())
             raise NotRecheckedError(f"`{name}` in {where} is not rechecked yet")
@@ -208,8 +208,8 @@ def _require_known_code(root: object, where: str) -> None:
             raise NotRecheckedError(f"`{part.name}` is an extern function: its values are unknown")
 
 
-def parts_of(roots: list[object]) -> Iterator[object]:
-    """Each piece of code, what it is made of, and the functions that it calls; not their types."""
+def code_parts(roots: list[object]) -> Iterator[object]:
+    """Each piece of code, its parts, and the functions that it calls, but not the types."""
     seen: set[int] = set()
     todo = list(roots)
     while todo:

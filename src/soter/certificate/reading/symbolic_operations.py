@@ -16,9 +16,9 @@ from soter.certificate.reading.symbolic_values import (
     NOT_HERE,
     SymbolicInt,
     Value,
-    decided,
-    identical,
-    truth_of,
+    as_bool,
+    as_truth,
+    is_identical,
 )
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.linear_enclosures import (
@@ -36,7 +36,7 @@ from soter.certificate.terms.terms import (
     both,
     choice_of_truths,
     either,
-    inputs_of,
+    input_atoms,
     is_same_number,
     negation,
 )
@@ -56,37 +56,36 @@ SMALL = exact(2.0**900)
 
 
 def remembered(operation: F) -> F:
-    """A decorator: of the same operands, as objects, an operation gives one and the same value.
+    """A decorator: the same operation on the same operand objects gives the same value again.
 
-    The machine does, and so what a program writes twice may cancel. What must hold is demanded
-    anew each time.
+    So what a program writes twice may cancel, as on the machine. Obligations are added each time.
     """
 
     @wraps(operation)
-    def asked(self: Operations, *operands: Any) -> Value:  # noqa: ANN401 - as it is declared
+    def call_once(self: Operations, *operands: Any) -> Value:  # noqa: ANN401 - as it is declared
         result = operation(self, *operands)
         numbers = (repr(x) if isinstance(x, (bool, int, float, str)) else id(x) for x in operands)
         key = operation.__name__, self.is_rounded, *numbers
         return self.made.setdefault(key, (result, operands))[0]
 
-    return asked  # type: ignore[return-value]  # of the same type
+    return call_once  # type: ignore[return-value]  # of the same type
 
 
-def one_number(operation: F) -> F:
-    """As `remembered`, where a result rests on all that its operands rest on, and on its doubts."""
+def remembered_with_doubts(operation: F) -> F:
+    """A decorator: `remembered`, and the result rests on what its operands and doubts rest on."""
 
     @wraps(operation)
-    def asked(self: Operations, *operands: Any) -> Value:  # noqa: ANN401 - as it is declared
+    def call_once(self: Operations, *operands: Any) -> Value:  # noqa: ANN401 - as it is declared
         before = len(self.doubts)
         result = operation(self, *operands)
         rests = (d for x in operands if isinstance(x, Linear) for d in x.rests)
-        return _resting_on(result, [*rests, *self.doubts[before:]])
+        return _with_doubts(result, [*rests, *self.doubts[before:]])
 
-    return remembered(asked)  # type: ignore[return-value]  # of the same type
+    return remembered(call_once)  # type: ignore[return-value]  # of the same type
 
 
-def _resting_on(result: Value, doubts: Sequence[Proposition]) -> Value:
-    """A result that is known where there is no doubt; of numbers that are none any truth is."""
+def _with_doubts(result: Value, doubts: Sequence[Proposition]) -> Value:
+    """The result, which is only known where the doubts hold; elsewhere a truth may be either."""
     if isinstance(result, Linear):
         rests = tuple(dict.fromkeys([*result.rests, *doubts]))
         known = rests == result.rests or isinstance(result, SymbolicInt)  # an int is always some
@@ -95,14 +94,14 @@ def _resting_on(result: Value, doubts: Sequence[Proposition]) -> Value:
         return result
     if isinstance(result, (bool, Proposition)):
         any_truth = Proposition("below", argument=ANYTHING)
-        return decided(choice_of_truths(reduce(both, doubts), truth_of(result), any_truth))
+        return as_bool(choice_of_truths(reduce(both, doubts), as_truth(result), any_truth))
     return result
 
 
 class Operations:
-    """The operators over terms. `rounded`: as the machine computes them; else over real numbers.
+    """The operators over terms; `rounded`: as the machine computes, otherwise over real numbers.
 
-    A function of a known number (`sqrt(2.0)`) is what the machine makes of it, in a flow, too.
+    On known numbers a function (`sqrt(2.0)`) gives what the machine makes of them, in a flow, too.
     """
 
     def __init__(self, terms: Terms, *, rounded: bool) -> None:
@@ -118,84 +117,84 @@ class Operations:
     @property
     def path(self) -> Value:
         """The condition under which the code being read runs."""
-        return decided(self.terms.path)
+        return as_bool(self.terms.path)
 
     @path.setter
     def path(self, condition: Value) -> None:
-        self.terms.path = truth_of(condition)
+        self.terms.path = as_truth(condition)
 
     def add_obligation(self, truth: Value) -> None:
-        """Demand it wherever the code being read runs."""
-        self.terms.add_obligation(truth_of(truth))
+        """Adds the obligation that a truth holds wherever the code being read runs."""
+        self.terms.add_obligation(as_truth(truth))
 
-    def demand(self, *numbers: Value) -> None:
-        """Demand of numbers that they are some, and not infinite."""
+    def demand_finite(self, *numbers: Value) -> None:
+        """Adds the obligations that these numbers are finite, and no NaN."""
         for x in numbers:
             if isinstance(x, Linear):
                 for truth in (*x.rests, *x.beyond):
                     self.terms.add_obligation(truth)
 
     def add_doubt(self, truth: Value) -> None:
-        """Let what is made of the operands rest on it, unless it certainly holds."""
-        if decided(truth_of(truth)) is not True:
-            self.doubts.append(truth_of(truth))
+        """Notes that the result of the current operation rests on a truth, unless it is certain."""
+        if as_bool(as_truth(truth)) is not True:
+            self.doubts.append(as_truth(truth))
 
-    @one_number
+    @remembered_with_doubts
     def negation(self, a: Value) -> Value:
         """The truth "not `a`"."""
-        return decided(negation(truth_of(a)))
+        return as_bool(negation(as_truth(a)))
 
-    @one_number
+    @remembered_with_doubts
     def both(self, a: Value, b: Value) -> Value:
         """The truth "`a` and `b`"."""
-        return decided(both(truth_of(a), truth_of(b)))
+        return as_bool(both(as_truth(a), as_truth(b)))
 
-    @one_number
+    @remembered_with_doubts
     def one_of(self, a: Value, b: Value) -> Value:
         """The truth "`a` or `b`"."""
-        return decided(either(truth_of(a), truth_of(b)))
+        return as_bool(either(as_truth(a), as_truth(b)))
 
     @remembered
     def join(self, of: Type, c: Proposition, a: Value, b: Value) -> Value:
-        """`c ? a : b`, leaf by leaf; NotRecheckedError for lists of two lengths."""
+        """`c ? a : b`, leaf by leaf; NotRecheckedError for two lists of different lengths."""
         if isinstance(a, tuple):
             if len(a) != len(b):
                 raise NotRecheckedError(f"a list whose length depends on a branch {NOT_HERE}")
             return tuple(self.join(of, c, x, y) for x, y in zip(a, b, strict=True))
         if isinstance(a, (bool, Proposition)):
-            return decided(choice_of_truths(c, truth_of(a), truth_of(b)))
-        if not isinstance(a, Linear) and not isinstance(b, Linear) and identical(a, b):
+            return as_bool(choice_of_truths(c, as_truth(a), as_truth(b)))
+        if not isinstance(a, Linear) and not isinstance(b, Linear) and is_identical(a, b):
             return a
-        x, y = self._term(a), self._term(b)
-        finite, rests = _of_chosen(c, x.beyond, y.beyond), _of_chosen(c, x.rests, y.rests)
+        x, y = self._as_term(a), self._as_term(b)
+        finite, rests = (_choice_doubts(c, x.beyond, y.beyond), _choice_doubts(c, x.rests, y.rests))
         chosen = _with_beyond(self.terms.choose(c, x, y), finite)
         chosen = replace(chosen, rests=()) if chosen.rests else chosen
-        return _resting_on(self.like(chosen, a, b), rests)
+        return _with_doubts(self.int_if_any(chosen, a, b), rests)
 
-    @one_number
+    @remembered_with_doubts
     def negate(self, x: Value) -> Value:
         """The number `-x`."""
         if isinstance(x, Linear):
-            return self.like(_with_beyond(self.terms.combine(((-ONE, x),)), x.beyond), x)
+            return self.int_if_any(_with_beyond(self.terms.combine(((-ONE, x),)), x.beyond), x)
         return arith.neg_int(x) if isinstance(x, int) else -x
 
-    @one_number
+    @remembered_with_doubts
     def compare(self, op: str, a: Value, b: Value) -> Value:
         """Whether `a op b` holds of two scalars."""
         if isinstance(a, Proposition) or isinstance(b, Proposition):
-            equal = choice_of_truths(truth_of(a), truth_of(b), negation(truth_of(b)))
-            return decided(equal if op == "==" else negation(equal))
+            equal = choice_of_truths(as_truth(a), as_truth(b), negation(as_truth(b)))
+            return as_bool(equal if op == "==" else negation(equal))
         if isinstance(a, Linear) or isinstance(b, Linear):
-            x, y = self._operands(op, a, b)
+            x, y = self._operand_terms(op, a, b)
             if not (is_same_number(x, y) or _is_whole(a, b)):
-                x = self.on_both_sides(x, self.terms.subtract(x, y))
-            return decided(self.terms.compare(op, x, y))
-        _require_numbers(a, b)
+                x = self.widened_at_jump(x, self.terms.subtract(x, y))
+            return as_bool(self.terms.compare(op, x, y))
+        _refuse_nan(a, b)
         return COMPARED[op](a, b)
 
-    @one_number
+    @remembered_with_doubts
     def arithmetic(self, op: str, a: Value, b: Value) -> Value:
-        """`+ - * / %` of scalars; of real numbers where this reader does not round.
+        """`a op b` of scalars for `+ - * / %`; of real numbers where this reader does not round.
 
         NotRecheckedError for `/` and `%` of ints that depend on inputs.
         """
@@ -204,7 +203,7 @@ class Operations:
         if not isinstance(a, Linear) and not isinstance(b, Linear) and self.is_rounded:
             return FLOATS[op](a, b)
         whole = _is_whole(a, b)
-        x, y = self._operands(op, a, b)
+        x, y = self._operand_terms(op, a, b)
         if op == "+":
             result = self.terms.add(x, y)
         elif op == "-":
@@ -212,126 +211,126 @@ class Operations:
         elif op == "*":
             result = self.terms.multiply(x, y)
         elif op == "/" and not whole:
-            self.demand(replace(y, beyond=()))  # it may be 0 where it is not as enclosed
+            self.demand_finite(replace(y, beyond=()))  # it may be 0 where it is not as enclosed
             result = self.terms.divide(x, y)
         else:
             raise NotRecheckedError(f"`{op}` of ints that depend on inputs {NOT_HERE}")
-        return self.as_int(result) if whole else self._as_computed(result)
+        return self.as_int(result) if whole else self._rounded_if_needed(result)
 
-    @one_number
-    def extreme(self, name: str, a: Value, b: Value) -> Value:
-        """`min` or `max` of two scalars."""
+    @remembered_with_doubts
+    def min_or_max(self, name: str, a: Value, b: Value) -> Value:
+        """`min` or `max` of two scalars, as `name` says."""
         if not isinstance(a, Linear) and not isinstance(b, Linear):
-            _require_numbers(a, b)
+            _refuse_nan(a, b)
             return arith.minimum(a, b) if name == "min" else arith.maximum(a, b)
-        x, y = self._operands(name, a, b)
+        x, y = self._operand_terms(name, a, b)
         choose = self.terms.minimum if name == "min" else self.terms.maximum
         # plants: limits keep ends of grids; two numbers that vary: either is a limit
         tight = not self.is_rounded or not (x.is_constant or y.is_constant)
-        return self.like(_with_beyond(choose(x, y, tight=tight), x.beyond + y.beyond), a, b)
+        return self.int_if_any(_with_beyond(choose(x, y, tight=tight), x.beyond + y.beyond), a, b)
 
-    @one_number
+    @remembered_with_doubts
     def clamp(self, x: Value, low: Value, high: Value) -> Value:
-        """The prelude's `clamp`: x between limits; it is a number where these are in order."""
+        """The prelude's `clamp`: x between two limits; the result rests on their order."""
         if isinstance(low, Linear) or isinstance(high, Linear):  # where they meet no rate jumps
-            self.add_doubt(self.terms.compare("<=", *self._operands("<=", low, high)))
+            self.add_doubt(self.terms.compare("<=", *self._operand_terms("<=", low, high)))
         else:
             self.add_doubt(self.compare("<=", low, high))
-        return self.extreme("min", self.extreme("max", x, low), high)
+        return self.min_or_max("min", self.min_or_max("max", x, low), high)
 
     def add_doubt_below_zero(self, x: Linear) -> None:
-        """Let what is made of the operands rest on that a number is not below 0."""
+        """Notes that the result of the current operation rests on `x` not being below 0."""
         self.add_doubt(negation(self.terms.below_zero(x)))
 
-    @one_number
-    def builtin(self, name: str, x: Value) -> Value:
-        """A built-in function of one scalar; NotRecheckedError where it is not understood."""
+    @remembered_with_doubts
+    def result_of_builtin(self, name: str, x: Value) -> Value:
+        """The result of a built-in function of one scalar; NotRecheckedError for an unknown one."""
         if not isinstance(x, Linear):
             return BUILTINS[name](x)
-        argument, x = x, self.finite(x)
+        argument, x = x, self.finite_term(x)
         if name == "sqrt":
             if not x.nonnegative:
                 self.add_doubt_below_zero(x)
-            return self._as_computed(self.terms.apply_function("sqrt", x, nonnegative=True))
+            return self._rounded_if_needed(self.terms.apply_function("sqrt", x, nonnegative=True))
         if name == "abs":
-            return self.like(self.terms.apply_function("abs", x, nonnegative=True), x)
+            return self.int_if_any(self.terms.apply_function("abs", x, nonnegative=True), x)
         if name == "float":
             return Linear(x.const, x.terms, x.radius, x.low, x.high, x.nonnegative)
         if name == "int":
-            self.demand(argument)  # an int of what is infinite, or no number, is a fault
+            self.demand_finite(argument)  # an int of what is infinite, or no number, is a fault
             if not self._is_floor(x):
-                x = self.terms.apply_function("truncated", self.on_both_sides(x))
+                x = self.terms.apply_function("truncated", self.widened_at_jump(x))
             return self.as_int(x)
         if name != "floor":
             raise NotRecheckedError(f"`{name}` of what depends on inputs {NOT_HERE}")
-        return self.terms.apply_function("floor", self.on_both_sides(x))
+        return self.terms.apply_function("floor", self.widened_at_jump(x))
 
-    def on_both_sides(self, x: Linear, at: Linear | None = None) -> Linear:
-        """A number by which a rate jumps where `at` is 0 (it itself: anywhere), a hair wider.
+    def widened_at_jump(self, x: Linear, at: Linear | None = None) -> Linear:
+        """The number `x`, a hair wider where a rate jumps: where `at`, or else `x`, is 0.
 
-        So where it touches a jump the rate is any between those on both sides, and never what it is
-        there alone, which no solution feels. States alone pass a jump.
+        So at a jump the rate is any between those on both sides, and never the value there alone,
+        which no solution feels. Only states pass a jump.
         """
         terms, at = self.terms, at or x
         if not self.everywhere or not any(
-            terms.atoms[i].kind == "state" for i in inputs_of(terms, [at])
+            terms.atoms[i].kind == "state" for i in input_atoms(terms, [at])
         ):
             return x
         if len(at.terms) == 1:
             terms.compared.update(at.terms)
-        if terms.is_beside(at):
+        if terms.is_outside_state(at):
             return x
         return replace(
             x, radius=x.radius + HAIR, low=x.low - HAIR, high=x.high + HAIR, nonnegative=False
         )
 
     def _is_floor(self, x: Linear) -> bool:
-        """Whether it is the result of `floor`, a whole number already."""
+        """Whether `x` is the result of `floor` and so a whole number already."""
         if len(x.terms) != 1 or not (x.const.is_zero() and x.radius.is_zero()):
             return False
         ((atom, factor),) = x.terms.items()
         return bool(factor == 1) and self.terms.atoms[atom].kind == "floor"
 
     def narrow(self, x: Value, low: Value, high: Value) -> Value:
-        """`x`, which faults unless it lies between `low` and `high`."""
+        """`x`, with the obligation that it lies between `low` and `high`."""
         if not isinstance(x, Linear):
             return arith.narrow(x, low, high)
         for short in (((ONE, x),), exact(-low)), (((-ONE, x),), exact(high)):
             self.terms.add_obligation(negation(self.terms.below_zero(self.terms.combine(*short))))
         return x
 
-    def like(self, x: Linear, *of: Value) -> Value:
-        """`x`, as an int if any operand in `of` is an int."""
+    def int_if_any(self, x: Linear, *of: Value) -> Value:
+        """`x`, as an int if one of the operands is an int."""
         return self.as_int(x) if _is_whole(*of) else x
 
     def as_int(self, x: Linear) -> Value:
-        """An int: exact, and never near the ends of 64 bits; NotRecheckedError beyond 2^53."""
+        """The term as an int, which is exact; NotRecheckedError where it may pass 2^53."""
         if not (magnitude(x.low) < 2**53 and magnitude(x.high) < 2**53):
             raise NotRecheckedError(f"an int beyond 2^53 that depends on inputs {NOT_HERE}")
         return SymbolicInt(x.const, x.terms, x.radius, x.low, x.high, x.nonnegative)
 
-    def _as_computed(self, x: Linear) -> Linear:
+    def _rounded_if_needed(self, x: Linear) -> Linear:
         return self.terms.rounded(x) if self.is_rounded else x
 
-    def _operands(self, op: str, a: Value, b: Value) -> tuple[Linear, Linear]:
-        """Two operands as terms; one may be infinite if the result then is, or a limit is not."""
-        x, y = self._term(a), self._term(b)
+    def _operand_terms(self, op: str, a: Value, b: Value) -> tuple[Linear, Linear]:
+        """Two operands as terms; the result rests on their being finite where `op` needs that."""
+        x, y = self._as_term(a), self._as_term(b)
         for one, other in ((x, y), (y, x)):
             large = self.is_rounded and (other.low >= 1 or other.high <= -1)
             small = abs(hull(other.low, other.high)) < SMALL
             added = small and self.is_rounded
             shown = {"*": large, "+": added, "-": added, "/": False, "%": False}.get(op, small)
             if other.beyond or not shown:
-                self.finite(one)
+                self.finite_term(one)
         return x, y
 
-    def finite(self, x: Value) -> Linear:
-        """A number as a term; what is made of it rests on that it is not infinite."""
-        term = self._term(x)
+    def finite_term(self, x: Value) -> Linear:
+        """A number as a term; the result of the current operation rests on it being finite."""
+        term = self._as_term(x)
         self.doubts += term.beyond
         return term
 
-    def _term(self, x: Value) -> Linear:
+    def _as_term(self, x: Value) -> Linear:
         if isinstance(x, Linear):
             return x
         if isinstance(x, float) and x - x != 0.0:
@@ -340,15 +339,15 @@ class Operations:
 
 
 def _with_beyond(x: Linear, beyond: Sequence[Proposition]) -> Linear:
-    """A number that may be infinite, unless these hold or it is bounded all the same."""
+    """A number that may be infinite unless `beyond` hold; without these where it is bounded."""
     bounded = magnitude(x.low).max(magnitude(x.high)) < LARGEST
     return x if bounded or not beyond else replace(x, beyond=tuple(beyond))
 
 
-def _of_chosen(
+def _choice_doubts(
     c: Proposition, a: Sequence[Proposition], b: Sequence[Proposition]
 ) -> list[Proposition]:
-    """What must hold of the chosen one of two numbers; what must of both is said once."""
+    """The propositions, of those on `a` and `b`, that must hold of `c ? a : b`."""
     alone = [either(negation(c), p) for p in a if p not in b]
     alone += [either(c, p) for p in b if p not in a]
     return [*(p for p in a if p in b), *alone]
@@ -358,8 +357,8 @@ def _is_whole(*values: Value) -> bool:
     return any(isinstance(x, (int, SymbolicInt)) for x in values)
 
 
-def _require_numbers(*compared: Value) -> None:
-    """NotRecheckedError for a NaN: what it means depends on who compares it."""
+def _refuse_nan(*compared: Value) -> None:
+    """NotRecheckedError for a NaN: operators differ in what they make of one."""
     if any(isinstance(x, float) and x != x for x in compared):  # noqa: PLR0124
         raise NotRecheckedError(f"a NaN that is compared {NOT_HERE}")
 

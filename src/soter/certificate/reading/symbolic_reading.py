@@ -49,7 +49,7 @@ STEPS_MAX = 200_000
 
 @dataclass(eq=False)
 class CallFrame:
-    """A call's variables, and what it published: topic -> (under which condition, which value)."""
+    """The variables of a call, and what it published: topic -> (condition, value)."""
 
     variables: dict[t.Variable, Value]
     published: dict[t.TopicSymbol, tuple[Value, Value]] = field(default_factory=dict)
@@ -62,14 +62,17 @@ class CallFrame:
 
 
 class CodeReader:
-    """Reads code; `operations`: what operators give (`symbolic_operations.py`)."""
+    """Reads code by value: `operations` says what operators give (`symbolic_operations.py`)."""
 
     def __init__(self, operations: Any, params: Mapping[t.ParamSymbol, Value]) -> None:  # noqa: ANN401 - of either kind
         self.operations, self.params = operations, params
         self._steps = 0
 
     def attempt(self, path: Value, run: Callable[[], Value]) -> tuple[bool, Value]:
-        """(True, what `run` gives under `path`); (False, None): it faults, so `path` must fail."""
+        """(True, what `run` gives under the condition `path`), or (False, None) where `run` faults.
+
+        A fault adds the obligation that `path` does not hold.
+        """
         outside, self.operations.path = self.operations.path, path
         try:
             return True, run()
@@ -82,7 +85,7 @@ class CodeReader:
     def _read_both_sides(
         self, c: Value, then: Callable[[], Value], otherwise: Callable[[], Value]
     ) -> tuple[tuple[bool, Value], tuple[bool, Value]]:
-        """Both sides of what is not decided, as `attempt`; StepFault where both fault.
+        """Reads both sides of an undecided branch as `attempt` does; StepFault where both fault.
 
         A variable that only one side has is read by nobody afterwards: the language refuses that.
         """
@@ -100,8 +103,8 @@ class CodeReader:
 
     # ------------------------------------------------------------ statements
 
-    def block(self, body: Sequence[t.TypedStmt], frame: CallFrame) -> Value | None:
-        """Runs statements; gives what `return` left with, or None."""
+    def run_block(self, body: Sequence[t.TypedStmt], frame: CallFrame) -> Value | None:
+        """Runs statements; gives the value of a `return` among them, or None."""
         todo = list(body)
         while todo:
             self._count_step()
@@ -117,26 +120,26 @@ class CodeReader:
                 if isinstance(c, bool):
                     todo[:0] = then if c else otherwise
                 elif any(isinstance(n, t.TypedReturn) for n in nodes([statement])):
-                    return self.branch(c, (*then, *todo), (*otherwise, *todo), frame)
+                    return self.run_branch(c, (*then, *todo), (*otherwise, *todo), frame)
                 else:
-                    self.branch(c, then, otherwise, frame)
+                    self.run_branch(c, then, otherwise, frame)
             elif isinstance(statement, (t.ForRange, t.ForEach)):
-                todo[:0] = self._unrolled(statement, frame)
+                todo[:0] = self._unrolled_loop(statement, frame)
             else:
                 self._run_simple(statement, frame)
         return None
 
-    def branch(
+    def run_branch(
         self,
         c: Value,
         then: Sequence[t.TypedStmt],
         otherwise: Sequence[t.TypedStmt],
         frame: CallFrame,
     ) -> Value | None:
-        """Both sides of a branch, joined at the single exit."""
+        """Runs both sides of a branch, and joins their variables, publications and results."""
         other = frame.copy()
         (fine, first), (well, second) = self._read_both_sides(
-            c, lambda: self.block(then, frame), lambda: self.block(otherwise, other)
+            c, lambda: self.run_block(then, frame), lambda: self.run_block(otherwise, other)
         )
         if not fine:  # an obligation says that the other side is taken
             frame.variables, frame.published = other.variables, other.published
@@ -156,7 +159,7 @@ class CodeReader:
             return None
         return join(frame.result, c, first, second)
 
-    def _unrolled(self, loop: t.ForRange | t.ForEach, frame: CallFrame) -> list[t.TypedStmt]:
+    def _unrolled_loop(self, loop: t.ForRange | t.ForEach, frame: CallFrame) -> list[t.TypedStmt]:
         items: Any = (
             range(loop.low, loop.high)
             if isinstance(loop, t.ForRange)
@@ -188,7 +191,7 @@ class CodeReader:
             )
 
     def replace_part(self, of: Type, whole: Value, keys: Sequence[Value], new: Value) -> Value:
-        """A value of a type with the part at these indices made new.
+        """The value with the part at these indices replaced by `new`; `of` is its type.
 
         NotRecheckedError for an index that depends on inputs.
         """
@@ -197,35 +200,36 @@ class CodeReader:
         at, rest = keys[0], keys[1:]
         if not isinstance(at, int):
             raise NotRecheckedError(f"an assignment at an index that depends on inputs {NOT_HERE}")
-        part = whole[in_range(at, len(whole))]
-        return (*whole[:at], self.replace_part(part_of(of, at), part, rest, new), *whole[at + 1 :])
+        old = whole[in_range(at, len(whole))]
+        part = self.replace_part(part_type(of, at), old, rest, new)
+        return (*whole[:at], part, *whole[at + 1 :])
 
     # ------------------------------------------------------------ expressions
 
-    def expression(
+    def evaluate(
         self, expr: t.TypedExpr, variables: Mapping[t.Variable, Value] | None = None
     ) -> Value:
-        """The value of an expression."""
+        """The value of an expression in which these variables are known."""
         return self.value(expr, CallFrame(dict(variables or {})))
 
     def value(self, e: t.TypedExpr, frame: CallFrame) -> Value:
-        """The value of an expression; NotRecheckedError for what is not understood."""
+        """The value of an expression in a call; NotRecheckedError for a construct unknown here."""
         self._count_step()
         reading = self.readings.get(type(e))
         if reading is None:
             raise NotRecheckedError(f"`{type(e).__name__.removeprefix('Typed')}` {NOT_HERE}")
         return reading(self, e, frame)
 
-    def _variable(self, e: t.VarRead, frame: CallFrame) -> Value:
+    def _variable_value(self, e: t.VarRead, frame: CallFrame) -> Value:
         if e.variable not in frame.variables:
             raise NotRecheckedError(f"`{e.variable.name}` {NOT_HERE} where it is read")
         return frame.variables[e.variable]
 
-    def _unary(self, e: t.TypedUnary, frame: CallFrame) -> Value:
+    def _unary_value(self, e: t.TypedUnary, frame: CallFrame) -> Value:
         x = self.value(e.operand, frame)
         return self.operations.negation(x) if e.op == "!" else map_leaves(self.operations.negate, x)
 
-    def _binary(self, e: t.TypedBinary, frame: CallFrame) -> Value:
+    def _binary_value(self, e: t.TypedBinary, frame: CallFrame) -> Value:
         a = self.operand(e.left, frame)
         if e.op in ("&&", "||"):
             return self._short_circuit(e, a, frame)
@@ -235,7 +239,7 @@ class CodeReader:
         return self.operations.arithmetic(e.op, a, b)
 
     def operand(self, e: t.TypedExpr, frame: CallFrame) -> Value:
-        """The value of what may be compared."""
+        """The value of an operand, which readers may read in another way than other expressions."""
         return self.value(e, frame)
 
     def _short_circuit(self, e: t.TypedBinary, a: Value, frame: CallFrame) -> Value:
@@ -248,7 +252,7 @@ class CodeReader:
             return not going_on
         return make.both(a, b) if going_on else make.one_of(a, b)
 
-    def _vector(self, e: t.Vector, frame: CallFrame) -> Value:
+    def _vector_value(self, e: t.Vector, frame: CallFrame) -> Value:
         a, b = self.value(e.left, frame), self.value(e.right, frame)
         of = partial(self.operations.arithmetic, e.op)
         if isinstance(a, tuple) and isinstance(b, tuple):
@@ -259,7 +263,7 @@ class CodeReader:
             else map_leaves(partial(of, a), b)
         )
 
-    def _conditional(self, e: t.Conditional, frame: CallFrame) -> Value:
+    def _conditional_value(self, e: t.Conditional, frame: CallFrame) -> Value:
         c = self.value(e.condition, frame)
         if isinstance(c, bool):
             return self.value(e.then if c else e.otherwise, frame)
@@ -268,17 +272,17 @@ class CodeReader:
         )
         return self.operations.join(e.type, c, a, b) if fine and well else (a if fine else b)
 
-    def call(self, fun: t.FunSymbol, arguments: Sequence[Value]) -> Value:
-        """The result of a call, its body read; NotRecheckedError for an extern function."""
+    def result_of_call(self, fun: t.FunSymbol, arguments: Sequence[Value]) -> Value:
+        """Reads the body of a function; gives its result. NotRecheckedError if it is extern."""
         if fun.body is None:
             raise NotRecheckedError(f"`{fun.name}` is an extern function: its values are unknown")
         inner = CallFrame(dict(zip(fun.parameters, arguments, strict=True)), result=fun.result)
-        value = self.block(fun.body, inner)
+        value = self.run_block(fun.body, inner)
         if value is None:
             raise NotRecheckedError(f"`{fun.name}` {NOT_HERE}")
         return value
 
-    def _builtin(self, e: t.Builtin, frame: CallFrame) -> Value:
+    def _builtin_value(self, e: t.Builtin, frame: CallFrame) -> Value:
         x, *others = [self.operand(a, frame) for a in e.arguments]
         make = self.operations
         if e.name in ("dot", "norm"):
@@ -286,46 +290,46 @@ class CodeReader:
             total, *products = (make.arithmetic("*", a, b) for a, b in pairs)
             for product in products:
                 total = make.arithmetic("+", total, product)
-            return make.builtin("sqrt", total) if e.name == "norm" else total
+            return make.result_of_builtin("sqrt", total) if e.name == "norm" else total
         if e.name == "saturate":
             negative = make.negate(others[0])
             return map_leaves(
-                lambda v: make.extreme("min", make.extreme("max", v, negative), others[0]), x
+                lambda v: make.min_or_max("min", make.min_or_max("max", v, negative), others[0]), x
             )
         if e.name in ("min", "max"):
-            return make.extreme(e.name, x, others[0])
-        return make.builtin(e.name, x)
+            return make.min_or_max(e.name, x, others[0])
+        return make.result_of_builtin(e.name, x)
 
-    def _length(self, e: t.TypedLength, frame: CallFrame) -> Value:
+    def _length_value(self, e: t.TypedLength, frame: CallFrame) -> Value:
         of = e.target.type
         return of.size if isinstance(of, ArrayType) else len(self.value(e.target, frame))
 
-    def _aggregate(self, e: t.Aggregate, frame: CallFrame) -> Value:
+    def _aggregate_value(self, e: t.Aggregate, frame: CallFrame) -> Value:
         values = [self.value(x, frame) for x in e.elements]
         for where, value in zip(e.order or (), tuple(values), strict=False):
             values[where] = value
         return tuple(values)
 
-    def _narrow(self, e: t.Narrow, frame: CallFrame) -> Value:
+    def _narrowed_value(self, e: t.Narrow, frame: CallFrame) -> Value:
         of = cast("IntType", e.type)
         return self.operations.narrow(self.value(e.operand, frame), of.low, of.high)
 
     readings: ClassVar[dict[type[t.TypedExpr], Callable[[Any, Any, CallFrame], Value]]] = {
         t.Literal: lambda _, e, __: e.value,
         t.ParamRead: lambda self, e, _: self.params[e.param],
-        t.VarRead: _variable,
-        t.TypedUnary: _unary,
-        t.TypedBinary: _binary,
-        t.Vector: _vector,
-        t.Conditional: _conditional,
-        t.TypedCall: lambda self, e, frame: self.call(
+        t.VarRead: _variable_value,
+        t.TypedUnary: _unary_value,
+        t.TypedBinary: _binary_value,
+        t.Vector: _vector_value,
+        t.Conditional: _conditional_value,
+        t.TypedCall: lambda self, e, frame: self.result_of_call(
             e.fun, [self.value(a, frame) for a in e.arguments]
         ),
-        t.Builtin: _builtin,
+        t.Builtin: _builtin_value,
         t.TypedField: lambda self, e, frame: self.value(e.target, frame)[e.index],
-        t.TypedLength: _length,
-        t.Aggregate: _aggregate,
-        t.Narrow: _narrow,
+        t.TypedLength: _length_value,
+        t.Aggregate: _aggregate_value,
+        t.Narrow: _narrowed_value,
     }
 
 
@@ -334,7 +338,7 @@ class CodeReader:
 
 @dataclass(eq=False)
 class Surroundings:
-    """The values of names: of parameters and topics, and the period of the step in seconds."""
+    """The values of parameters and topics for code, and the period of its step in seconds."""
 
     params: Mapping[t.ParamSymbol, Value]
     topics: Mapping[t.TopicSymbol, Value]
@@ -344,51 +348,51 @@ class Surroundings:
 
 
 class SymbolicReader(CodeReader):
-    """Reads code into terms. `rounded`: as the machine computes it; else as real numbers."""
+    """Reads code into terms; `rounded`: as the machine computes it, otherwise as real numbers."""
 
     def __init__(self, terms: Terms, around: Surroundings, *, rounded: bool = True) -> None:
         super().__init__(Operations(terms, rounded=rounded), around.params)
         self.surroundings = around
 
-    def expression(
+    def evaluate(
         self, expr: t.TypedExpr, variables: Mapping[t.Variable, Value] | None = None
     ) -> Value:
-        """The value of an expression, whose numbers are some, and not infinite, as is demanded."""
-        value = super().expression(expr, variables)
-        self.operations.demand(*scalar_leaves(value))
+        """The value of an expression, with the obligation that its numbers are finite."""
+        value = super().evaluate(expr, variables)
+        self.operations.demand_finite(*scalar_leaves(value))
         return value
 
-    def step(
+    def published_by_step(
         self,
         body: Sequence[t.TypedStmt],
         variables: Mapping[t.Variable, Value],
         claimed: Ranges = MappingProxyType({}),
     ) -> dict[t.TopicSymbol, Value]:
-        """The value that a step publishes on each topic; NotRecheckedError if it always faults.
+        """Topic -> the value that a step publishes on it; NotRecheckedError if it always faults.
 
-        That it leaves each number of a variable in its range `claimed` becomes an obligation.
+        `claimed`: ranges in which the step is to leave numbers of variables, as obligations.
         """
         frame = CallFrame(dict(variables))
 
         def run() -> None:
-            self.block(body, frame)
+            self.run_block(body, frame)
             for v, ranges in claimed.items():
                 for x, ends in zip(scalar_leaves(frame.variables[v]), ranges, strict=True):
                     if ends is not None:
-                        self.operations.demand(self.operations.narrow(x, *ends))
+                        self.operations.demand_finite(self.operations.narrow(x, *ends))
 
         if not self.attempt(self.operations.path, run)[0]:
             raise NotRecheckedError("SC faults wherever it steps")
         if any(says is not True for says, _ in frame.published.values()):
             raise NotRecheckedError(f"a step that publishes on one side only {NOT_HERE}")
         published = {topic: value for topic, (_, value) in frame.published.items()}
-        self.operations.demand(*scalar_leaves(tuple(published.values())))
+        self.operations.demand_finite(*scalar_leaves(tuple(published.values())))
         return published
 
     def value(self, e: t.TypedExpr, frame: CallFrame, *, rows: bool = False) -> Value:
-        """The value of an expression; by its static type an int stays an int, a bool a bool.
+        """The value of an expression: an int stays an int, and a bool a bool, by its static type.
 
-        `rows`: a row of a table may stay unread, as one of its numbers is asked for next.
+        `rows`: a row of a table may be given unread, as one of its numbers is asked for next.
         NotRecheckedError for a bool that is neither known nor a proposition.
         """
         value = super().value(e, frame)
@@ -400,72 +404,72 @@ class SymbolicReader(CodeReader):
             raise NotRecheckedError(f"such a bool {NOT_HERE}")
         return value
 
-    def call(self, fun: t.FunSymbol, arguments: Sequence[Value]) -> Value:
-        """Functions of the prelude by their tested bounds, where inputs are involved.
+    def result_of_call(self, fun: t.FunSymbol, arguments: Sequence[Value]) -> Value:
+        """The result of a call; a prelude function of terms is what it means, with its error bound.
 
-        Of known numbers a function is what the machine makes of them, in a flow, too.
+        Of known numbers it gives what the machine makes of them, in a flow, too.
         """
         make = self.operations
         if fun.prelude and any(isinstance(x, Linear) for x in arguments):
             if fun.name == "clamp":
                 return make.clamp(*arguments)
-            meant = extras.prelude_functions.read_as_meant(make, fun.name, arguments)
+            meant = extras.prelude_functions.term_of_prelude_call(make, fun.name, arguments)
             if meant is not None:
                 return meant
         if not fun.prelude or make.is_rounded or not all(map(is_known, arguments)):
-            return super().call(fun, arguments)
+            return super().result_of_call(fun, arguments)
         make.is_rounded = True
         try:
-            return super().call(fun, arguments)
+            return super().result_of_call(fun, arguments)
         finally:
             make.is_rounded = False
 
-    def _field(self, e: t.TypedField, frame: CallFrame) -> Value:
+    def _field_value(self, e: t.TypedField, frame: CallFrame) -> Value:
         target = self.value(e.target, frame, rows=True)
         if isinstance(target, Rows):
             column = [row[e.index] for row in target.elements]
-            return extras.tables.select(self.operations, column, target.index)
+            return extras.tables.element_at(self.operations, column, target.index)
         return target[e.index]
 
-    def _index(self, e: t.Index, frame: CallFrame) -> Value:
+    def _element_value(self, e: t.Index, frame: CallFrame) -> Value:
         target, index = self.value(e.target, frame, rows=True), self.value(e.index, frame)
         if isinstance(target, Rows):
-            return extras.tables.select_from_table(self.operations, target, index)
+            return extras.tables.element_of_table(self.operations, target, index)
         if isinstance(index, Linear):
-            return extras.tables.select(self.operations, target, index)
+            return extras.tables.element_at(self.operations, target, index)
         return target[in_range(index, len(target))]
 
-    def _topic(self, e: t.TopicRead, _: CallFrame) -> Value:
+    def _topic_value(self, e: t.TopicRead, _: CallFrame) -> Value:
         if e.topic not in self.surroundings.topics:
             raise NotRecheckedError(f"topic `{e.topic.name}` is read, but nobody says its values")
         return self.surroundings.topics[e.topic]
 
-    def _period(self, _: t.PeriodRead, __: CallFrame) -> Value:
+    def _period_value(self, _: t.PeriodRead, __: CallFrame) -> Value:
         if self.surroundings.period is None:
             raise NotRecheckedError(f"`dt` {NOT_HERE} here")
         return self.surroundings.period
 
-    def _mode(self, e: t.ModeRead, _: CallFrame) -> Value:
+    def _mode_value(self, e: t.ModeRead, _: CallFrame) -> Value:
         if e.module not in self.surroundings.modes:
             raise NotRecheckedError(f"`mode` {NOT_HERE}")
         return self.surroundings.modes[e.module]
 
     readings: ClassVar[dict[type[t.TypedExpr], Callable[[Any, Any, CallFrame], Value]]] = {
         **CodeReader.readings,
-        t.TopicRead: _topic,
-        t.PeriodRead: _period,
-        t.ModeRead: _mode,
+        t.TopicRead: _topic_value,
+        t.PeriodRead: _period_value,
+        t.ModeRead: _mode_value,
         t.InControl: lambda *_: True,
-        t.TypedField: _field,
-        t.Index: _index,
+        t.TypedField: _field_value,
+        t.Index: _element_value,
     }
 
 
-def part_of(of: Type, index: int) -> Type:
+def part_type(of: Type, index: int) -> Type:
     """The type of a part of a record, an array or a list."""
     return of.fields[index][1] if isinstance(of, RecordType) else cast("ArrayType", of).element
 
 
-def variables_in(expr: t.TypedExpr) -> set[t.Variable]:
-    """The variables that an expression reads: a `let` is only read where they are known."""
+def variables_read(expr: t.TypedExpr) -> set[t.Variable]:
+    """The variables that an expression reads."""
     return {n.variable for n in nodes([expr]) if isinstance(n, t.VarRead)}

@@ -34,13 +34,13 @@ class SymbolicInt(Linear):
 
 @dataclass(eq=False)
 class Rows:
-    """An element of several rows of numbers, at an index that depends on inputs: not read yet."""
+    """A row of a table, at an index that depends on inputs; its numbers are not read yet."""
 
     elements: Sequence[tuple[Value, ...]]
     index: Linear
 
 
-def truth_of(x: bool | Proposition) -> Proposition:
+def as_truth(x: bool | Proposition) -> Proposition:
     """A bool as a proposition; NotRecheckedError for any other value."""
     if isinstance(x, Proposition):
         return x
@@ -49,8 +49,8 @@ def truth_of(x: bool | Proposition) -> Proposition:
     return TRUE if x else negation(TRUE)
 
 
-def decided(x: Proposition) -> bool | Proposition:
-    """A proposition as a bool where it is decided."""
+def as_bool(x: Proposition) -> bool | Proposition:
+    """The bool that a decided proposition is; another one is given back."""
     return x.value if x.kind == "constant" else x
 
 
@@ -59,18 +59,18 @@ def is_known(x: Value) -> bool:
     return all(map(is_known, x)) if isinstance(x, tuple) else isinstance(x, (bool, int, float))
 
 
-def identical(a: Value, b: Value) -> bool:
+def is_identical(a: Value, b: Value) -> bool:
     """Whether two known numbers are the same, sign of zero and type included."""
     return bool(a == b) and repr(a) == repr(b)
 
 
 def map_leaves(f: Callable[[Value], Value], x: Value) -> Value:
-    """A function of every scalar leaf."""
+    """The value with `f` applied to every scalar leaf."""
     return tuple(map_leaves(f, v) for v in x) if isinstance(x, tuple) else f(x)
 
 
 def zip_leaves(f: Callable[[Value, Value], Value], a: Value, b: Value) -> Value:
-    """A function of the scalar leaves of two values of one shape."""
+    """The value of `f` on each pair of scalar leaves of two values of one shape."""
     if isinstance(a, tuple):
         return tuple(zip_leaves(f, x, y) for x, y in zip(a, b, strict=True))
     return f(a, b)
@@ -99,13 +99,13 @@ def value_of_leaves(of: Type, values: Sequence[Value]) -> Value:
     return value
 
 
-def whole(x: Linear) -> Linear:
-    """A term that is a whole number."""
+def symbolic_int(x: Linear) -> Linear:
+    """A term, as an int: the term must be a whole number."""
     return SymbolicInt(x.const, x.terms, x.radius, x.low, x.high, x.nonnegative)
 
 
 def in_range(index: int, size: int) -> int:
-    """Returns the index if it is in range; otherwise StepFault."""
+    """The index, if it is in range; otherwise StepFault."""
     if 0 <= index < size:
         return index
     raise arith.StepFault(arith.FaultKind.INDEX)

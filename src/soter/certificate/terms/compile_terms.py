@@ -3,8 +3,8 @@
 Purpose: each function takes the *form* of a set (below). `compile_step` gives the form of what the
 terms make of it, with ranges that are wanted; `compile_lines` rows over the states that hold all
 over the form; `compile_truths` what is known of propositions there, `all_certain` of them over
-whole ranges. To make them, `AffineForms` has a row and a range of every `Linear`, once `make_atoms`
-has made those of its atoms.
+whole ranges. To make them, `AffineForms` has a row and a range of every `Linear`, once
+`enter_atoms` has made those of its atoms.
 Non-goals: reading programs (`reading/symbolic_reading.py`), which sets to check
 (`grid/sc_chains.py`, `cell_predicates.py`), how programs run (`straight_line.py`).
 
@@ -38,7 +38,7 @@ from soter.certificate.terms.straight_line import (
     Function,
     apply_operation,
 )
-from soter.certificate.terms.terms import atoms_under, inputs_of
+from soter.certificate.terms.terms import atoms_under, input_atoms
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -56,6 +56,8 @@ if TYPE_CHECKING:
 
 COARSE = exact(2.0**-20)
 """Where rounding may matter as much, what is known of a number anywhere is asked, too."""
+TAIL = 4
+"""Behind the coefficients of a row: constant, spread, low, high."""
 
 
 class AffineForms:
@@ -70,7 +72,7 @@ class AffineForms:
         *,
         noisy: bool = False,
     ) -> None:
-        """`noisy`: states are what the form describes and a noise each, which stands behind it."""
+        """`noisy`: a noise for each state stands behind the form, and is added to the state."""
         self.terms, self.states, self.boxes = terms, states, boxes
         self.make = make = Builder()
         self.symbols = range(symbols)
@@ -98,7 +100,7 @@ class AffineForms:
         self._keep: list[object] = []
 
     def enter_box(self, index: int, atom: Atom) -> None:
-        """Enter line and range of an input that the form does not describe: its box, or domain."""
+        """Enters row and range of an input that the form does not describe: its box or domain."""
         low, high = self.boxes.get(index, (atom.low, atom.high))
         middle, half = (low + high) * HALF, (high - low) * HALF
         self.free[index] = self.make.constant(middle), self.make.constant(half)
@@ -131,8 +133,8 @@ class AffineForms:
         sums = {j: self.make.sum(parts) for j, parts in columns.items()}
         return sums, self.make.sum(constants), self.make.sum(spreads)
 
-    def over_states(self, row: Row) -> Row:
-        """A row without columns of inputs that the form does not describe."""
+    def row_over_states(self, row: Row) -> Row:
+        """The row with inputs that the form does not describe moved into constant and spread."""
         factors, constant, spread = row
         free = [(f, *self.free[a]) for a, f in factors.items() if a in self.free]
         return (
@@ -141,9 +143,9 @@ class AffineForms:
             self.make.sum([spread, *(abs(f) * half for f, _, half in free)]),
         )
 
-    def over_form(self, row: Row) -> tuple[Value, list[Value], Value]:
-        """A row over the form: its centre, coefficients on the symbols, radius of the rest."""
-        factors, constant, spread = self.over_states(row)
+    def row_over_form(self, row: Row) -> tuple[Value, list[Value], Value]:
+        """A row over the form: its centre, coefficients on the symbols, and radius of the rest."""
+        factors, constant, spread = self.row_over_states(row)
         total = self.make.sum
         return (
             total([constant, *(f * self.centre[a] for a, f in factors.items())]),
@@ -151,19 +153,19 @@ class AffineForms:
             total([spread, *(abs(f) * self.rest[a] for a, f in factors.items())]),
         )
 
-    def ends_of_row(self, row: Row) -> Ends:
-        """The ends of the interval in which a row lies over the form."""
-        centre, symbols, rest = self.over_form(row)
+    def row_ends(self, row: Row) -> Ends:
+        """The ends of the interval in which a row lies on the set."""
+        centre, symbols, rest = self.row_over_form(row)
         radius = self.make.sum([rest, *map(abs, symbols)])
         return centre - radius, centre + radius
 
-    def range_of(self, x: Linear) -> Ends:
-        """The ends of the range of a term; limits that are reached exactly stay exact."""
+    def term_ends(self, x: Linear) -> Ends:
+        """The ends of a term's range on the set; limits that are reached exactly stay exact."""
         ends: Ends = self.cached("range", x, self._make_range)
         return ends
 
     def _make_range(self, x: Linear) -> Ends:
-        low, high = self.ends_of_row(self.row(x))
+        low, high = self.row_ends(self.row(x))
         states = sum(a in self.centre for a in x.terms)
         others = any(self.terms.atoms[a].kind not in ("state", "box") for a in x.terms)
         if states == (0 if others else 1):
@@ -171,18 +173,18 @@ class AffineForms:
         if x.nonnegative:
             low = self.make.apply("larger", low, self.make.zero)
         if x.rounds:
-            least, most = map(self.make.apply, ("round_down", "round_up"), self.range_of(x.rounds))
+            least, most = map(self.make.apply, ("round_down", "round_up"), self.term_ends(x.rounds))
             low, high = self.tighter_ends(least, most, low, high)
         if x.radius > COARSE:
             low, high = self.tighter_ends(low, high, *map(self.make.constant, (x.low, x.high)))
         return low, high
 
     def tighter_ends(self, low: Value, high: Value, least: Value, most: Value) -> Ends:
-        """The tighter ones of two pairs of ends, of which each holds."""
+        """The tighter ends of two ranges, both of which hold."""
         return self.make.apply("larger", low, least), self.make.apply("smaller", high, most)
 
     def range_by_atoms(self, x: Linear) -> Ends:
-        """The range from the intervals of the atoms: exact where a limit is reached."""
+        """The range of a term from the ranges of its atoms, exact where a limit is reached."""
         lows: list[arb | Value] = [x.const - x.radius]
         highs: list[arb | Value] = [x.const + x.radius]
         for a, c in x.terms.items():
@@ -195,8 +197,8 @@ class AffineForms:
         return self.make.sum(lows), self.make.sum(highs)
 
 
-def make_atoms(forms: AffineForms, roots: Sequence[Linear | Proposition]) -> None:
-    """Make the values of every atom that the roots need, arguments first."""
+def enter_atoms(forms: AffineForms, roots: Sequence[Linear | Proposition]) -> None:
+    """Enters row and range of every atom that the roots need, arguments first."""
     for index in sorted(atoms_under(forms.terms, roots)):
         atom = forms.terms.atoms[index]
         if index in forms.centre:
@@ -206,33 +208,33 @@ def make_atoms(forms: AffineForms, roots: Sequence[Linear | Proposition]) -> Non
             continue
         forms.rows[index], forms.bounds[index] = _ATOMS.get(atom.kind, _function_rule)(forms, atom)
         if atom.kind not in ("spread", "table"):  # of these only a range is known
-            _limit_line_to_range(forms, index)
+            _replace_row_by_range(forms, index)
 
 
-def _limit_line_to_range(forms: AffineForms, index: int) -> None:
-    """Replace the line of an atom by its range, where that has the smaller spread."""
+def _replace_row_by_range(forms: AffineForms, index: int) -> None:
+    """Replaces the row of an atom by its range, where the range has the smaller spread."""
     row, offset, rest = forms.rows[index]
-    _, _, more = forms.over_states((row, forms.make.zero, forms.make.zero))
+    _, _, more = forms.row_over_states((row, forms.make.zero, forms.make.zero))
     ends = offset, rest, *forms.bounds[index], more
     weight, offset, rest = forms.make.apply_for_parts("line_or_range", 3, *ends)
     forms.rows[index] = _scale_row(weight, row), offset, rest
 
 
 def _scale_row(weight: Value, row: dict[int, Value]) -> dict[int, Value]:
-    """A row, which may be infinite where its weight is 0."""
+    """A row times a weight; a weight of 0 gives 0 also where the row is infinite."""
     return {j: weight.make.apply("share", weight, x) for j, x in row.items()}
 
 
 def _add_rows(forms: AffineForms, rows: Sequence[dict[int, Value]]) -> dict[int, Value]:
-    """A row out of several."""
+    """The sum of several rows."""
     columns = dict.fromkeys(j for row in rows for j in row)
     return {j: forms.make.sum([row[j] for row in rows if j in row]) for j in columns}
 
 
 def _function_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
-    """A function of one number or two: its line, with their rows in the place of the numbers."""
+    """Row and range of a function: its line, with the rows of its arguments in their places."""
     make = forms.make
-    ends = [end for x in atom.arguments for end in forms.range_of(x)]
+    ends = [end for x in atom.arguments for end in forms.term_ends(x)]
     rows, constants, rests = zip(*map(forms.row, atom.arguments), strict=True)
     parts = make.apply_for_parts(f"line_{atom.kind}", len(rows) + 4, *ends)
     *slopes, offset, spread, least, most = parts
@@ -250,29 +252,29 @@ def _function_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
 
 
 def _max0_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
-    """max(x, 0): what is free in x is noise, but where x is never negative."""
+    """Row and range of max(x, 0): free inputs of x are noise, unless x is never negative."""
     make, (x,) = forms.make, atom.arguments
     row, constant, rest = forms.row(x)
-    own, middle, noise = forms.over_states((row, constant, rest))
+    states, middle, noise = forms.row_over_states((row, constant, rest))
     if noise is make.zero:
         return _function_rule(forms, atom)
-    ends = forms.ends_of_row((own, middle, make.zero))
+    ends = forms.row_ends((states, middle, make.zero))
     slope, kept, offset, spread = make.apply_for_parts("line_noisy_max0", 4, *ends, noise)
     free = {a: f for a, f in row.items() if a in forms.free}
     moved = make.sum(f * forms.free[a][0] for a, f in free.items())
     line = (
-        {**_scale_row(slope, own), **_scale_row(kept, free)},
+        {**_scale_row(slope, states), **_scale_row(kept, free)},
         make.sum([slope * middle, offset, -(kept * moved)]),
         make.sum([kept * rest, spread]),
     )
-    low, high = make.apply_for_parts("range_max0", 2, *forms.range_of(x))
+    low, high = make.apply_for_parts("range_max0", 2, *forms.term_ends(x))
     return line, (low, high)
 
 
 def _product_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
-    """The product a b = a_m b + b_m a - a_m b_m + (a - a_m) (b - b_m), a_m, b_m in the middle."""
+    """Row and range of a b = a_m b + b_m a - a_m b_m + (a - a_m) (b - b_m), a_m, b_m middles."""
     make = forms.make
-    ends = [forms.range_of(x) for x in atom.arguments]
+    ends = [forms.term_ends(x) for x in atom.arguments]
     a_m, b_m = (make.apply("mid", (low + high) * HALF) for low, high in ends)
     pairs = zip(ends, (a_m, b_m), strict=True)
     radius_a, radius_b = (make.apply("max", high - m, m - low) for (low, high), m in pairs)
@@ -287,13 +289,13 @@ def _product_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
 
 
 def _extreme_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
-    """min(a, b) = b - rest or max(a, b) = b + rest, no further than either; one if certain."""
+    """Row and range of min(a, b) = b - rest or max(a, b) = b + rest: a or b alone if certain."""
     b, rest, a = atom.arguments
     make, sign = forms.make, -ONE if atom.kind == "min" else ONE
     (apart,) = forms.terms.atoms[rest.atom].arguments
-    ends = [forms.range_of(x) for x in (a, b)]
+    ends = [forms.term_ends(x) for x in (a, b)]
     (low, high), (least, most) = ends if atom.kind == "max" else ends[::-1]
-    known = forms.tighter_ends(*forms.range_of(apart), low - most, high - least)
+    known = forms.tighter_ends(*forms.term_ends(apart), low - most, high - least)
     truth = make.apply("negative", *known)  # then it is b, else if certain a
     weights = [make.apply("by_truth", truth, *w) for w in ((ONE, ZERO, ONE), (ZERO, ONE, ZERO))]
     weights.append(make.apply("by_truth", truth, ZERO, ZERO, sign))
@@ -303,7 +305,7 @@ def _extreme_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
         make.sum([make.apply("share", w, constant) for w, (_, constant, _) in parts]),
         make.sum([make.apply("share", abs(w), spread) for w, (_, _, spread) in parts]),
     )
-    (_, (low_b, high_b)), (least, most) = ends, forms.range_of(rest)
+    (_, (low_b, high_b)), (least, most) = ends, forms.term_ends(rest)
     if atom.kind == "min":
         least, most = most, least
     low, high = (make.apply(atom.kind, *pair) for pair in zip(*ends, strict=True))
@@ -311,12 +313,12 @@ def _extreme_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
 
 
 def _choice_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
-    """The choice: a if the condition holds, else b; (a + b)/2 +- |a - b|/2 if it is not certain."""
+    """Row and range of a choice: a or b where it is certain, else (a + b)/2 +- |a - b|/2."""
     make = forms.make
     a, b, difference = atom.arguments
     assert atom.condition is not None
-    truth = truth_of(forms, atom.condition)
-    (low_a, high_a), (low_b, high_b), (low, high) = map(forms.range_of, (a, b, difference))
+    truth = truth_value(forms, atom.condition)
+    (low_a, high_a), (low_b, high_b), (low, high) = map(forms.term_ends, (a, b, difference))
     gap = make.apply("max", high, -low) * HALF
     weights = [make.apply("by_truth", truth, *w) for w in ((ONE, ZERO, HALF), (ZERO, ONE, HALF))]
     parts = list(zip(weights, map(forms.row, (a, b)), strict=True))
@@ -332,22 +334,22 @@ def _choice_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
 
 
 def _apart_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
-    """The difference of two numbers, no further than the range of each says."""
-    ends, (low, high), (least, most) = map(forms.range_of, atom.arguments)
+    """Row and range of a difference; the range is no wider than those of its two numbers allow."""
+    ends, (low, high), (least, most) = map(forms.term_ends, atom.arguments)
     return forms.row(atom.arguments[0]), forms.tighter_ends(low - most, high - least, *ends)
 
 
 def _spread_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
-    """Any number whose size is at most the weighted sum of the arguments' sizes."""
+    """Row and range of any number no larger than the weighted sum of the arguments' sizes."""
     size = forms.make.sum(
-        weight * forms.make.apply("max", *map(abs, forms.range_of(x)))
+        weight * forms.make.apply("max", *map(abs, forms.term_ends(x)))
         for weight, x in zip(atom.weights, atom.arguments, strict=True)
     )
     return ({}, forms.make.zero, size), (-size, size)
 
 
-def truth_of(forms: AffineForms, x: Proposition) -> Value:
-    """The bits of a proposition: 0: may be false, 1: may be true."""
+def truth_value(forms: AffineForms, x: Proposition) -> Value:
+    """The value of a proposition's bits: bit 0: it may be false, bit 1: it may be true."""
     bits: Value = forms.cached("truth", x, partial(_make_truth, forms))
     return bits
 
@@ -358,14 +360,14 @@ def _make_truth(forms: AffineForms, x: Proposition) -> Value:
         return make.constant(CERTAIN if x.value else 1)
     if x.kind == "below":
         assert x.argument is not None
-        return make.apply("negative" if x.strict else "not_positive", *forms.range_of(x.argument))
-    return make.apply(x.kind, *(truth_of(forms, p) for p in x.parts))
+        return make.apply("negative" if x.strict else "not_positive", *forms.term_ends(x.argument))
+    return make.apply(x.kind, *(truth_value(forms, p) for p in x.parts))
 
 
-def demand(forms: AffineForms, must: Sequence[Proposition]) -> None:
-    """Make the program return nothing if one of these truths is uncertain."""
+def demand_truths(forms: AffineForms, must: Sequence[Proposition]) -> None:
+    """Lets the program return nothing where one of these truths is uncertain."""
     for truth in must:
-        forms.make.apply(DEMAND, truth_of(forms, truth))
+        forms.make.apply(DEMAND, truth_value(forms, truth))
 
 
 _ATOMS: dict[str, Callable[[AffineForms, Atom], tuple[Row, Ends]]] = {
@@ -381,10 +383,6 @@ _ATOMS: dict[str, Callable[[AffineForms, Atom], tuple[Row, Ends]]] = {
 }
 
 
-TAIL = 4
-"""Behind the coefficients of a row: constant, spread, low, high."""
-
-
 def compile_step(
     terms: Terms,
     states: Sequence[int],
@@ -395,21 +393,21 @@ def compile_step(
     must: Sequence[Proposition] = (),
     boxes: Mapping[int, tuple[arb, arb]] | None = None,
 ) -> Step:
-    """`form -> (form of the outputs, (low, high) of each of `ranges`)`.
+    """The function `form -> (form of the outputs, (low, high) of each of `ranges`)`.
 
-    None where something in `must` is not certain. `states`: atoms that the form describes, every
-    other input ranges over `boxes`, or its domain where nothing is said there.
+    It gives None where something in `must` is not certain. `states`: atoms that the form describes;
+    every other input ranges over its box in `boxes`, or else over its domain.
     """
     forms = AffineForms(terms, states, symbols, boxes or {})
-    make_atoms(forms, [*outputs, *ranges, *must])
-    demand(forms, must)
-    flat = [end for x in outputs for end in forms.range_of(x)]
-    centres, rows, rests = zip(*(forms.over_form(forms.row(x)) for x in outputs), strict=True)
+    enter_atoms(forms, [*outputs, *ranges, *must])
+    demand_truths(forms, must)
+    flat = [end for x in outputs for end in forms.term_ends(x)]
+    centres, rows, rests = zip(*(forms.row_over_form(forms.row(x)) for x in outputs), strict=True)
     flat += [*centres, *(g for row in rows for g in row), *rests]
     ends = [
         apply_operation(name, end)
         for x in ranges
-        for name, end in zip(("below", "above"), forms.range_of(x), strict=True)
+        for name, end in zip(("below", "above"), forms.term_ends(x), strict=True)
     ]
     return Function(forms.make, forms.length, [*flat, *ends], after=len(flat))
 
@@ -424,7 +422,7 @@ def compile_lines(
     *,
     noisy: bool = False,
 ) -> Function:
-    """`form -> rows`, one after the other; None where something in `must` is not certain.
+    """The function `form -> row, row, ...`; it gives None where something in `must` is uncertain.
 
     For every point of the form: output = sum coefficient * input + constant +- spread, and the
     output lies in [low, high]. Inputs that the form does not describe range over `boxes`, or over
@@ -432,12 +430,12 @@ def compile_lines(
     coefficients are those on the point, and the ends of the form are those of the input.
     """
     forms = AffineForms(terms, inputs, symbols, boxes, noisy=noisy)
-    make_atoms(forms, [*outputs, *must])
-    demand(forms, must)
+    enter_atoms(forms, [*outputs, *must])
+    demand_truths(forms, must)
     entries = []
     for x in outputs:
-        row, constant, spread = forms.over_states(forms.row(x))
-        ends = forms.tighter_ends(*forms.range_of(x), *forms.range_by_atoms(x))
+        row, constant, spread = forms.row_over_states(forms.row(x))
+        ends = forms.tighter_ends(*forms.term_ends(x), *forms.range_by_atoms(x))
         entries += [*(row.get(a, forms.make.zero) for a in inputs), constant, spread, *ends]
     return Function(forms.make, forms.length, entries)
 
@@ -448,15 +446,15 @@ def compile_truths(
     truths: Sequence[Proposition],
     boxes: Mapping[int, tuple[arb, arb]],
 ) -> Function:
-    """`form of a box -> truths`: bit 0: may be false, bit 1: may be true."""
+    """The function `form of a box -> bits of each truth`: bit 0: may be false, 1: may be true."""
     forms = AffineForms(terms, states, 0, boxes)
-    make_atoms(forms, truths)
-    return Function(forms.make, forms.length, [truth_of(forms, x) for x in truths])
+    enter_atoms(forms, truths)
+    return Function(forms.make, forms.length, [truth_value(forms, x) for x in truths])
 
 
 def all_certain(terms: Terms, truths: Sequence[Proposition]) -> bool:
-    """Whether all of them certainly hold, whatever the inputs are in their ranges."""
-    places = sorted(inputs_of(terms, truths))
+    """Whether all truths certainly hold for any inputs in their ranges."""
+    places = sorted(input_atoms(terms, truths))
     box = [(terms.atoms[i].low, terms.atoms[i].high) for i in places]
     decided = compile_truths(terms, places, truths, {})(form_of_box(box, symbols=False))
     return all(bits == CERTAIN for bits in decided)
@@ -467,5 +465,5 @@ def form_of_box(box: Sequence[tuple[arb, arb]], *, symbols: bool) -> tuple[arb, 
     ends, centres = [e for i in box for e in i], [(low + high) * HALF for low, high in box]
     radii = [(high - low) * HALF for low, high in box]
     n = range(len(box) if symbols else 0)
-    own = [radii[i] if i == k else ZERO for i in n for k in n]
-    return (*ends, *centres, *own, *([ZERO for _ in n] if symbols else radii))
+    coefficients = [radii[i] if i == k else ZERO for i in n for k in n]
+    return (*ends, *centres, *coefficients, *([ZERO for _ in n] if symbols else radii))

@@ -48,14 +48,14 @@ Line: TypeAlias = "tuple[arb, arb, arb, arb, arb]"
 
 
 def exact(value: float | Fraction) -> arb:
-    """The number as a ball: without radius for a double."""
+    """The ball of a number; for a double it has no radius."""
     if isinstance(value, Fraction):
         return arb(fmpq(value.numerator, value.denominator))
     return arb(value)
 
 
-def below(x: arb) -> float:
-    """A double that is no larger than anything in the ball; -inf where there is none."""
+def lower(x: arb) -> float:
+    """A double that is no larger than any number in the ball; -inf where there is none."""
     near = float(x)
     if x >= near:
         return near
@@ -75,8 +75,8 @@ def greatest_below(bound: float, added: float) -> float:
     return low
 
 
-def above(x: arb) -> float:
-    """A double that is no smaller than anything in the ball; inf where there is none."""
+def upper(x: arb) -> float:
+    """A double that is no smaller than any number in the ball; inf where there is none."""
     near = float(x)
     if x <= near:
         return near
@@ -87,8 +87,8 @@ def above(x: arb) -> float:
     return far if x <= far else math.inf
 
 
-def key_of(x: arb) -> object:
-    """A key for a ball, equal for equal balls only."""
+def ball_key(x: arb) -> object:
+    """A key for a ball, the same for equal balls only."""
     if not x.is_finite():
         return (arb, id(x))
     return (arb, *x.mid().man_exp(), *x.rad().man_exp())
@@ -100,58 +100,58 @@ def magnitude(x: arb) -> arb:
 
 
 def hull(low: arb, high: arb) -> arb:
-    """The ball over everything between."""
+    """A ball over all numbers between two balls."""
     return low.union(high)
 
 
 def larger(a: arb, b: arb) -> arb:
-    """The better of two lower bounds where that is certain, else the second."""
+    """The larger one of two lower bounds where that is certain, else the second one."""
     return max(b, a)
 
 
 def smaller(a: arb, b: arb) -> arb:
-    """The better of two upper bounds where that is certain, else the second."""
+    """The smaller one of two upper bounds where that is certain, else the second one."""
     return min(b, a)
 
 
 # ---------------------------------------------------------------- lines over functions
 
 
-def _share(x: arb) -> arb:
-    """A number in [0, 1]: where x is, though its middle may be rounded beyond; any if nowhere."""
+def _clip_to_unit(x: arb) -> arb:
+    """The middle of x, moved into [0, 1]; 1/2 where x is not finite."""
     return x.mid().max(ZERO).min(ONE) if x.is_finite() else HALF
 
 
 def line_max0(low: arb, high: arb) -> Line:
-    """max(x, 0): convex, so its distance above any line through 0 is largest at an end."""
+    """The line over max(x, 0), which is convex: its distance from the line is largest at an end."""
     if low >= 0:
         return ONE, ZERO, ZERO, low, high
     if high <= 0:
         return ZERO, ZERO, ZERO, ZERO, ZERO
-    slope = _share(high / (high - low))
+    slope = _clip_to_unit(high / (high - low))
     most = (-slope * low).max((ONE - slope) * high).max(ZERO)
     half = most * HALF
     return slope, half, half, ZERO, high.max(ZERO)
 
 
 def range_max0(low: arb, high: arb) -> tuple[arb, arb]:
-    """max(x, 0) for x in [low, high], as `line_max0` has it."""
+    """The range of max(x, 0) for x in [low, high], as in `line_max0`."""
     return larger(low, ZERO), high.max(ZERO)
 
 
 def line_noisy_max0(low: arb, high: arb, noise: arb) -> tuple[arb, arb, arb, arb]:
-    """max(x + n, 0) for x in [low, high], |n| <= noise: slope x + kept n + offset +- spread.
+    """max(x + n, 0) for x in [low, high], |n| <= noise, is slope x + kept n + offset +- spread.
 
-    It is x + n where that is never negative. Elsewhere, above, the chord of the convex max(x +
-    noise, 0); below, max(x - noise, 0), which is nearest to a line of that slope at x = noise.
-    Tighter than a line over x + n where x alone decides.
+    Where x + n is never negative it is itself. Elsewhere it lies below the chord of the convex
+    max(x + noise, 0) and above max(x - noise, 0), which is nearest to a line of that slope at x =
+    noise. This is tighter than a line over x + n where x alone decides.
     """
     if high + noise <= 0:
         return ZERO, ZERO, ZERO, ZERO
     if low - noise >= 0:
         return ONE, ONE, ZERO, ZERO
     last = (high + noise).max(ZERO)
-    slope = _share(last / (high - low))  # of the chord: 1 where low + noise is above 0
+    slope = _clip_to_unit(last / (high - low))  # of the chord: 1 where low + noise is above 0
     # for every slope in [0, 1]: there x + noise is farthest above at high, elsewhere 0 is at low
     over = (-slope * low).max(last - slope * high)
     nearest = noise.max(low).min(high)
@@ -162,10 +162,10 @@ def line_noisy_max0(low: arb, high: arb, noise: arb) -> tuple[arb, arb, arb, arb
 def line_or_range(
     offset: arb, spread: arb, low: arb, high: arb, more: arb = ZERO
 ) -> tuple[arb, arb, arb]:
-    """A line, or a range where that has less spread: a weight for slopes, an offset, a spread.
+    """(weight, offset, spread): 1 with a line's, or 0 with a range's where that has less spread.
 
-    What is in slope x + offset +- spread and in [low, high] is in weight slope x + the rest.
-    `more`: the spread of what is free in the line, which counts half: it may still cancel.
+    A number in slope x + offset +- spread and in [low, high] is in weight slope x + offset +-
+    spread. `more`: the spread of free inputs in the line, which counts half: it may still cancel.
     """
     half, least = (high - low) * HALF, spread + more * HALF
     if half < least or not least.is_finite():
@@ -179,13 +179,13 @@ def _least_size(low: arb, high: arb) -> arb:
 
 
 def line_abs(low: arb, high: arb) -> Line:
-    """|x| = 2 max(x, 0) - x."""
+    """The line over |x| = 2 max(x, 0) - x."""
     slope, offset, spread, _, _ = line_max0(low, high)
     return 2 * slope - 1, 2 * offset, 2 * spread, _least_size(low, high), (-low).max(high)
 
 
 def line_square(low: arb, high: arb) -> Line:
-    """x^2, which is above its tangent in the middle by the square of the distance from there."""
+    """The line over x^2, which is above its middle tangent by the square of the distance."""
     middle = ((low + high) * HALF).mid()
     far = abs(high - middle).max(abs(low - middle))
     half = far * far * HALF
@@ -194,7 +194,7 @@ def line_square(low: arb, high: arb) -> Line:
 
 
 def line_floor(low: arb, high: arb) -> Line:
-    """floor(x): one number where both ends have the same, else x - 1/2 to within 1/2."""
+    """The line over floor(x): a constant where both ends agree, else x - 1/2 +- 1/2."""
     first, last = low.lower().floor(), high.upper().floor()
     if first == last:
         return ZERO, first, ZERO, first, last
@@ -202,7 +202,7 @@ def line_floor(low: arb, high: arb) -> Line:
 
 
 def line_truncated(low: arb, high: arb) -> Line:
-    """The whole number next to x on the side of 0: less than 1 from x, and not beyond it."""
+    """The line over x rounded towards 0: less than 1 from x, and no farther from 0."""
     first, last = (x.floor() if x >= 0 else x.ceil() for x in (low.lower(), high.upper()))
     if first == last:
         return ZERO, first, ZERO, first, last
@@ -210,17 +210,17 @@ def line_truncated(low: arb, high: arb) -> Line:
     return ONE, (up - down) * HALF, (up + down) * HALF, first, last
 
 
-def extremes(values: Sequence[arb]) -> Range:
+def least_and_greatest(values: Sequence[arb]) -> Range:
     """The least and the greatest of some numbers."""
     return reduce(arb.min, values), reduce(arb.max, values)
 
 
-def of_monotone(f: Function, low: arb, high: arb) -> Range:
-    """The range of a function that only rises, or only falls, between these."""
-    return extremes((f(low), f(high)))
+def end_values(f: Function, low: arb, high: arb) -> Range:
+    """The range of a function that only rises, or only falls, on [low, high]."""
+    return least_and_greatest((f(low), f(high)))
 
 
-def smooth(
+def tangent(
     f: Function,
     slope: Function,
     curve: Callable[[arb, arb], arb],
@@ -228,9 +228,9 @@ def smooth(
     low: arb,
     high: arb,
 ) -> Line:
-    """A tangent in the middle: f(x) - tangent is curve(v, f(v)) (x - middle)^2 for some v.
+    """The line of a smooth f, tangent in the middle: f - tangent = curve(v, f(v)) (x - middle)^2.
 
-    `curve` is f''/2, `ends` gives the range, which it is where the curve is infinite.
+    That is so for some v. `curve` is f''/2; `ends` gives the range, used where that is infinite.
     """
     middle = ((low + high) * HALF).mid()
     far = abs(high - middle).max(abs(low - middle))
@@ -244,15 +244,15 @@ def smooth(
 
 
 def line_inverse(low: arb, high: arb) -> Line:
-    """1 / x; infinite where 0 is not certainly outside."""
+    """The line over 1 / x; infinite where x may be 0."""
     if not (low > 0 or high < 0):
-        return nothing_known()
+        return unbounded_line()
     slope, curve = (lambda v: -1 / (v * v)), (lambda _, y: y * y * y)
-    return smooth(lambda v: 1 / v, slope, curve, of_monotone, low, high)
+    return tangent(lambda v: 1 / v, slope, curve, end_values, low, high)
 
 
 def line_sqrt(low: arb, high: arb) -> Line:
-    """sqrt(x) for the x >= 0 of the interval."""
+    """The line over sqrt(x) for those x of the interval that are at least 0."""
     low = larger(low, ZERO)
     if not low > 0:
         top = high.max(ZERO).upper().sqrt()
@@ -268,14 +268,14 @@ def line_sqrt(low: arb, high: arb) -> Line:
 
 
 def line_soft_sign(low: arb, high: arb) -> Line:
-    """The function x / (1 + |x|): it rises, is odd, and concave on x >= 0.
+    """The line over x / (1 + |x|), which rises, is odd, and is concave on x >= 0.
 
-    There it is at most slope x + (1 - sqrt(slope))^2, which a tangent reaches; and least at ends.
+    There it is at most slope x + (1 - sqrt(slope))^2, which a tangent reaches; least at an end.
     """
     if not (low.is_finite() and high.is_finite()):
         return ZERO, ZERO, ONE, -ONE, ONE
     first, last = low / (1 + abs(low)), high / (1 + abs(high))
-    slope = _share((last - first) / (high - low))
+    slope = _clip_to_unit((last - first) / (high - low))
     ends, hump = (first - slope * low, last - slope * high), (1 - slope.sqrt()) ** 2
     over, under = ends[0].max(ends[1]), ends[0].min(ends[1])
     if not high <= 0:
@@ -285,8 +285,8 @@ def line_soft_sign(low: arb, high: arb) -> Line:
     return slope, (over + under) * HALF, (over - under) * HALF, first, last
 
 
-def nothing_known() -> Line:
-    """The line of a function where it has no value, or any."""
+def unbounded_line() -> Line:
+    """The line over a function that may have any value, or none."""
     far = arb.pos_inf()
     return ZERO, ZERO, far, -far, far
 
@@ -304,6 +304,6 @@ FUNCTIONS: dict[str, Callable[[arb, arb], Line]] = {
 """Exact functions of one variable; those of the prelude: `extras/prelude_functions.py`."""
 
 
-def lines_over(name: str) -> Callable[..., tuple[arb, ...]]:
-    """The function of ends that gives the line over a function, of the prelude, too."""
+def line_function(name: str) -> Callable[..., tuple[arb, ...]]:
+    """The function of ends that gives the line over a function of this name."""
     return FUNCTIONS.get(name) or extras.prelude_functions.FUNCTIONS[name]

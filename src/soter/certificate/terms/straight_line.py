@@ -27,17 +27,17 @@ from soter.certificate.extras import extras
 from soter.certificate.terms.linear_enclosures import (
     ONE,
     ZERO,
-    above,
-    below,
+    ball_key,
     exact,
-    key_of,
     larger,
+    line_function,
     line_noisy_max0,
     line_or_range,
-    lines_over,
+    lower,
     magnitude,
     range_max0,
     smaller,
+    upper,
 )
 
 if TYPE_CHECKING:
@@ -51,14 +51,15 @@ CERTAIN = 2
 """The bits of what is certainly true."""
 PART, DEMAND = "part", "demand"
 """Operations: one part of a tuple; that nothing is given unless a truth is certain."""
+CONSTANT, INPUT = "constant", "input"
 
 
 class NotCertainError(Exception):
-    """A truth that is demanded may be false."""
+    """A truth on which the program insists may be false."""
 
 
-def corners(low_a: arb, high_a: arb, low_b: arb, high_b: arb) -> tuple[arb, arb]:
-    """The range of a product of numbers in these ranges: least and greatest at their corners."""
+def product_range(low_a: arb, high_a: arb, low_b: arb, high_b: arb) -> tuple[arb, arb]:
+    """The range of a product of numbers in two ranges: its ends are those at their corners."""
     a, b, c, d = low_a * low_b, low_a * high_b, high_a * low_b, high_a * high_b
     return a.min(b).min(c.min(d)), a.max(b).max(c.max(d))
 
@@ -70,23 +71,23 @@ def range_between(
     high_after: arb,
     least: arb,
     most: arb,
-    own: arb,
+    factor: arb,
     rest: arb,
     span: arb,
     grown: arb,
 ) -> tuple[arb, arb]:
-    """The ends of a state x between two instants with these ranges, x' = own x + rest.
+    """The range of a state x between two instants with these ranges, where x' = factor x + rest.
 
-    `least` and `most` bound x': where it has one sign x runs from one range to the other. Elsewhere
-    a comparison: x stays below the solution of y' = own y + max rest from `high`, which is
-    monotone: it only rises where own high + max rest > 0, and then by that times `grown`, the
-    integral of e^{own s} over the time. And it is no further above `high_after` than -least says.
+    `least` and `most` bound x': where these have one sign, x runs from one range to the other.
+    Otherwise x stays below the solution of y' = factor y + max rest from `high`, which is monotone:
+    y only rises where factor high + max rest > 0, and by that times `grown`, the integral of
+    e^{factor s} over the time. Nor is x further above `high_after` than `least` allows.
     """
     if least >= 0:
         return low, high_after
     if most <= 0:
         return low_after, high
-    down, up = arb((own * low + rest).lower()), arb((own * high + rest).upper())
+    down, up = arb((factor * low + rest).lower()), arb((factor * high + rest).upper())
     least, most = arb(least.lower()), arb(most.upper())
     return (
         (low if down >= 0 else low + down * grown).max(low_after - span * most.max(ZERO)),
@@ -95,35 +96,35 @@ def range_between(
 
 
 def range_after(
-    low: arb, high: arb, low_after: arb, high_after: arb, own: arb, rest: arb, grown: arb
+    low: arb, high: arb, low_after: arb, high_after: arb, factor: arb, rest: arb, grown: arb
 ) -> tuple[arb, arb]:
-    """The ends of a state x after a time: the known ones, narrowed as in `range_between`."""
-    down, up = arb((own * low + rest).lower()), arb((own * high + rest).upper())
+    """The range of a state x after a time: the known one, narrowed as in `range_between`."""
+    down, up = arb((factor * low + rest).lower()), arb((factor * high + rest).upper())
     return (
         low_after.max(low + down.min(ZERO) * grown),
         high_after.min(high + up.max(ZERO) * grown),
     )
 
 
-def grown(own: arb, span: arb) -> arb:
-    """The integral of e^{own s} over [0, span], from above."""
-    if own > 0 or own < 0:
-        return arb((((own * span).exp() - 1) / own).upper())
-    return span if own <= 0 else span * (own * span).exp()
+def growth(factor: arb, span: arb) -> arb:
+    """An upper bound of the integral of e^{factor s} over [0, span]."""
+    if factor > 0 or factor < 0:
+        return arb((((factor * span).exp() - 1) / factor).upper())
+    return span if factor <= 0 else span * (factor * span).exp()
 
 
-def bits(yes: bool, no: bool) -> int:
-    """The bits of a proposition: 0: may be false, 1: may be true."""
+def truth_bits(yes: bool, no: bool) -> int:
+    """The bits of a proposition that is certainly true (`yes`), false (`no`), or neither."""
     return 2 if yes else (1 if no else 3)
 
 
-def by_truth(truth: int, yes: arb, no: arb, both: arb) -> arb:
+def choose_by_truth(truth: int, yes: arb, no: arb, both: arb) -> arb:
     """`yes` where a proposition is certainly true, `no` where it is false, else `both`."""
     return yes if truth == 2 else (no if truth == 1 else both)
 
 
-def share(weight: arb, x: arb) -> arb:
-    """`weight * x`, and 0 where nothing of x is taken, also where x is infinite or no number."""
+def weighted(weight: arb, x: arb) -> arb:
+    """`weight * x`; a weight of 0 gives 0, also where x is infinite or no number."""
     return ZERO if weight.is_zero() else weight * x
 
 
@@ -145,44 +146,41 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
     "union": arb.union,
     "larger": larger,
     "smaller": smaller,
-    "below": below,
-    "above": above,
+    "below": lower,
+    "above": upper,
     "magnitude": magnitude,
-    "round_down": lambda low: exact(below(low)),
-    "round_up": lambda high: exact(above(high)),
-    "corners": corners,
+    "round_down": lambda low: exact(lower(low)),
+    "round_up": lambda high: exact(upper(high)),
+    "corners": product_range,
     "range_between": range_between,
     "range_after": range_after,
-    "inside": lambda low, high, least, most: bits(low >= least and high <= most, no=False),
-    "range_of_table": lambda *given: extras.tables.range_of_table(*given),  # noqa: PLW0108 - an extra
+    "inside": lambda low, high, least, most: truth_bits(low >= least and high <= most, no=False),
+    "range_of_table": lambda *values: extras.tables.range_of_table(*values),  # noqa: PLW0108 - an extra
     "range_max0": range_max0,
     "line_noisy_max0": line_noisy_max0,
     "line_or_range": line_or_range,
-    "negative": lambda low, high: bits(high < 0, low >= 0),
-    "not_positive": lambda low, high: bits(high <= 0, low > 0),
+    "negative": lambda low, high: truth_bits(high < 0, low >= 0),
+    "not_positive": lambda low, high: truth_bits(high <= 0, low > 0),
     "not": (0, 2, 1, 3).__getitem__,
     "and": lambda a, b: ((a | b) & 1) | (a & b & 2),
     "or": lambda a, b: ((a | b) & 2) | (a & b & 1),
-    "by_truth": by_truth,
-    "share": share,
+    "by_truth": choose_by_truth,
+    "share": weighted,
     DEMAND: require_certain,
 }
 
 
-def operation_of(name: str) -> Callable[..., Any]:
-    """An operation of `OPERATIONS`, or `line_` and the name of a function that has lines."""
-    return OPERATIONS.get(name) or lines_over(name.removeprefix("line_"))
-
-
-CONSTANT, INPUT = "constant", "input"
+def operation_named(name: str) -> Callable[..., Any]:
+    """The operation of this name in `OPERATIONS`; `line_f` gives the line over the function f."""
+    return OPERATIONS.get(name) or line_function(name.removeprefix("line_"))
 
 
 class Value:
     """One value of a program: an operation's result on other values, a constant, or an input.
 
-    `content`: the number of a constant, the place of an input, which part of a tuple. Values are
-    added, multiplied and compared in size as balls are, and together with balls, so that code which
-    does not branch on numbers computes with either.
+    `content`: a constant's number, an input's place, or which part of a tuple. Values are added,
+    multiplied and compared in size as balls are, and together with balls, so that code which does
+    not branch on numbers computes with either.
     """
 
     __slots__ = ("arguments", "content", "make", "operation")
@@ -199,7 +197,7 @@ class Value:
 
     @property
     def is_constant(self) -> bool:
-        """Whether no input is in it."""
+        """Whether the value depends on no input."""
         return self.operation == CONSTANT
 
     def __add__(self, other: Number) -> Value:
@@ -243,23 +241,23 @@ class Builder:
         return self._known[key]
 
     def constant(self, x: Any) -> Value:  # noqa: ANN401  a ball, a truth, a table
-        """The value of a number; equal balls are one value."""
+        """The value of a constant; equal balls are one value."""
         plain = repr(x) if isinstance(x, (int, float)) else id(x)
-        key = CONSTANT, (key_of(x) if isinstance(x, arb) else (type(x), plain))
+        key = CONSTANT, (ball_key(x) if isinstance(x, arb) else (type(x), plain))
         if key not in self._known:
             self._known[key] = Value(self, CONSTANT, (), x)
             self.values.append(self._known[key])
         return self._known[key]
 
     def input(self, place: int) -> Value:
-        """The number of a form at a place."""
+        """The value of the number at a place of the form."""
         return self._value(INPUT, (), place)
 
     def apply(self, operation: str, *arguments: Any, content: Any = None) -> Value:  # noqa: ANN401
-        """Enter an operation of `OPERATIONS` on values and constants, and return its result.
+        """Enters an operation of `OPERATIONS` on values and constants, and returns its result.
 
-        Or `PART`: number `content` of a tuple; or `DEMAND`: from here on the program gives nothing
-        unless the truth is certain.
+        `PART` gives number `content` of a tuple. After `DEMAND` the program gives nothing unless
+        the truth is certain.
         """
         values = [x if isinstance(x, Value) else self.constant(x) for x in arguments]
         if operation == DEMAND:
@@ -269,16 +267,16 @@ class Builder:
         if all(x.is_constant for x in values):
             known = [x.content for x in values]
             return self.constant(
-                known[0][content] if operation == PART else operation_of(operation)(*known)
+                known[0][content] if operation == PART else operation_named(operation)(*known)
             )
         simple = operation in ("add", "sub", "mul", "share")
-        same = self._simplified(operation, *values) if simple else None
+        same = self._trivial_result(operation, *values) if simple else None
         return self._value(operation, tuple(values), content) if same is None else same
 
-    def _simplified(self, operation: str, x: Value, y: Value) -> Value | None:
+    def _trivial_result(self, operation: str, x: Value, y: Value) -> Value | None:
         """The value of x op y where no operation is needed, else None.
 
-        0 times what is unbounded is 0: wherever the obligations hold that is a number.
+        0 times an unbounded value is 0: wherever the obligations hold that value is a number.
         """
         if operation in ("mul", "share"):
             if self.zero in (x, y):
@@ -291,12 +289,12 @@ class Builder:
         return x if y is self.zero else None
 
     def apply_for_parts(self, operation: str, count: int, *arguments: Number) -> list[Value]:
-        """As `apply`, for an operation that gives `count` values."""
+        """Enters an operation that gives a tuple, and returns its `count` parts."""
         whole = self.apply(operation, *arguments)
         return [self.apply(PART, whole, content=k) for k in range(count)]
 
     def sum(self, parts: Iterable[Number]) -> Value:
-        """The sum of all of them, constants first."""
+        """The sum of the parts, constants first."""
         total = self.zero
         for x in sorted(parts, key=lambda x: isinstance(x, Value) and not x.is_constant):
             total += x
@@ -304,20 +302,20 @@ class Builder:
 
 
 def apply_operation(operation: str, *arguments: Any, parts: int = 0) -> Any:  # noqa: ANN401
-    """Apply an operation to balls, or enter it for values; `parts`: it gives a tuple of so many."""
+    """Applies an operation to balls, or enters it for values; `parts`: how many it gives."""
     for x in arguments:
         if isinstance(x, Value):
             make = x.make
             if parts:
                 return tuple(make.apply_for_parts(operation, parts, *arguments))
             return make.apply(operation, *arguments)
-    return operation_of(operation)(*arguments)
+    return operation_named(operation)(*arguments)
 
 
 class Function:
-    """Runs a program on a form: the values asked for, or None where a demand is not certain.
+    """Runs a program on a form: gives the outputs, or None where a demand is not certain.
 
-    `after`: gives them as two tuples, with so many in the first one.
+    `after`: the outputs come as two tuples, with so many in the first one.
     """
 
     def __init__(
@@ -327,7 +325,7 @@ class Function:
         outputs: Sequence[Any],
         after: int | None = None,
     ) -> None:
-        """`length`: of a form."""
+        """`length`: how many numbers a form has."""
         outputs = [x if isinstance(x, Value) else builder.constant(x) for x in outputs]
         order = _values_needed(builder.values, outputs)
         constants = [v for v in order if v.is_constant]
@@ -335,7 +333,7 @@ class Function:
         place = {id(v): v.content for v in order if v.operation == INPUT}
         place |= {id(v): length + k for k, v in enumerate((*constants, *steps))}
         self._constants = tuple(v.content for v in constants)
-        self._steps = [_compiled_step(v, place) for v in steps]
+        self._steps = [_compile_step(v, place) for v in steps]
         self._wanted = tuple(place[id(v)] for v in outputs)
         self._after, self._length = after, length
         self._named = tuple(
@@ -343,7 +341,7 @@ class Function:
         )
 
     def __call__(self, form: tuple[Any, ...]) -> Any:  # noqa: ANN401  as was asked for
-        """The values for one form; for a form of another program's values: values of that one.
+        """The outputs for one form; for a form of values of another program they are its values.
 
         AssertionError for a form of another length: constants stand behind it.
         """
@@ -364,16 +362,16 @@ class Function:
                     keep(operation(values[one], values[other]))
         except NotCertainError:
             return None
-        return self._in_tuples(values)
+        return self._outputs_among(values)
 
     def _write_down(self, make: Builder, form: Sequence[Number]) -> Any:  # noqa: ANN401
         values: list[Any] = [*form, *self._constants]
         for operation, content, places in self._named:
             arguments = [values[k] for k in places]
             values.append(make.apply(operation, *arguments, content=content))
-        return self._in_tuples(values)
+        return self._outputs_among(values)
 
-    def _in_tuples(self, values: Sequence[Any]) -> Any:  # noqa: ANN401
+    def _outputs_among(self, values: Sequence[Any]) -> Any:  # noqa: ANN401
         made = tuple([values[k] for k in self._wanted])
         return made if self._after is None else (made[: self._after], made[self._after :])
 
@@ -388,9 +386,9 @@ def _values_needed(values: Sequence[Value], outputs: Sequence[Value]) -> list[Va
     return [v for v in values if id(v) in needed]
 
 
-def _compiled_step(v: Value, place: dict[int, int]) -> tuple[Any, Any, Any]:
+def _compile_step(v: Value, place: dict[int, int]) -> tuple[Any, Any, Any]:
     """(operation, place, None), (operation, place, place), or (operation, None, getter of all)."""
-    operation: Any = itemgetter(v.content) if v.operation == PART else operation_of(v.operation)
+    operation: Any = itemgetter(v.content) if v.operation == PART else operation_named(v.operation)
     places = [place[id(x)] for x in v.arguments]
     if len(places) == 1:
         return operation, places[0], None
@@ -400,17 +398,17 @@ def _compiled_step(v: Value, place: dict[int, int]) -> tuple[Any, Any, Any]:
 
 
 def total(parts: Iterable[Any]) -> Any:  # noqa: ANN401  a ball or a value
-    """The sum of all of them."""
+    """The sum of some balls or values."""
     return sum(parts, ZERO)
 
 
 def dot(a: Sequence[Any], b: Sequence[Any]) -> Any:  # noqa: ANN401  a ball or a value
-    """The sum of the products."""
+    """The sum of the products of two rows, entry by entry."""
     return total(x * y for x, y in zip(a, b, strict=True))
 
 
 def product(a: Rows, b: Rows) -> Rows:
-    """Rows of `a` times columns of `b`."""
+    """The product of two matrices."""
     if Value in map(type, chain(*a, *b)):
         columns = list(zip(*b, strict=True))
         return [[dot(row, column) for column in columns] for row in a]
@@ -418,12 +416,12 @@ def product(a: Rows, b: Rows) -> Rows:
 
 
 def times_column(a: Rows, column: Sequence[Any]) -> list[Any]:
-    """The product with one column."""
+    """The product of a matrix with one column."""
     return [dot(row, column) for row in a]
 
 
 def unit_rows(n: int, *, width: int = 0, first: int = 0) -> Rows:
-    """`n` rows of zeros, with one in each: in columns from `first` on; n columns or `width`."""
+    """`n` unit vectors as rows: row i has its one in column first + i of n, or `width`, columns."""
     return [[ONE if k == first + i else ZERO for k in range(width or n)] for i in range(n)]
 
 
@@ -438,5 +436,5 @@ def side_by_side(a: Rows, b: Rows) -> Rows:
 
 
 def sum_of_sizes(row: Sequence[Any], sizes: Sequence[Any]) -> Any:  # noqa: ANN401
-    """A bound of |row . x| for all x with |x_i| at most `sizes[i]`; 0 where there are none."""
+    """A bound of |row . x| for all x with |x_i| at most `sizes[i]`; 0 if there are no sizes."""
     return dot(list(map(abs, row)), sizes) if sizes else ZERO

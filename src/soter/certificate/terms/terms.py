@@ -22,14 +22,14 @@ from soter.certificate.terms.linear_enclosures import (
     TINIEST,
     UNIT_ROUNDOFF,
     ZERO,
-    above,
-    below,
     exact,
     hull,
     larger,
-    lines_over,
+    line_function,
+    lower,
     magnitude,
     smaller,
+    upper,
 )
 
 if TYPE_CHECKING:
@@ -62,27 +62,27 @@ class Linear:
 
     @property
     def is_constant(self) -> bool:
-        """Whether no input matters."""
+        """Whether the term depends on no input."""
         return not self.terms
 
     @property
     def atom(self) -> int:
-        """The index of the one atom that a new input, or a new atom, is."""
+        """The index of the only atom of a term that is a new input or a new atom."""
         (index,) = self.terms
         return index
 
 
 @dataclass(eq=False)
 class Atom:
-    """A part that is not linear, or an input.
+    """An input, or a part of a term that is not linear.
 
-    kind: "state", "box" (an input with fixed range), a function that has lines, "product",
-    "choice" (condition ? arguments[0] : arguments[1], arguments[2] being their difference),
-    "spread" (anything within the sum of weights times |argument|), "table" (values at the whole
-    numbers that are the arguments), "min" and "max" (of arguments[0] and arguments[2], which differ
-    by arguments[1] where that is chosen), "apart" (arguments[0], the difference of the others),
-    "any" (one of several alternatives; behind them the gaps between the first and each of the
-    others). `values`: the table, in C order over `shape`.
+    kind: "state", "box" (an input with fixed range), a function that has lines, "product", "choice"
+    (condition ? arguments[0] : arguments[1], arguments[2] being their difference), "spread"
+    (anything within the sum of weights times |argument|), "table" (values at the whole numbers that
+    are the arguments), "min" and "max" (of arguments[0] and arguments[2], which differ by
+    arguments[1] where that is chosen), "apart" (arguments[0], the difference of the others), "any"
+    (one of several alternatives; behind them the gaps between the first and each of the others).
+    `values`: the table, in C order over `shape`.
     """
 
     kind: str
@@ -101,7 +101,7 @@ class Atom:
 
 @dataclass(eq=False)
 class Proposition:
-    """A proposition; "below": argument < 0, or <= 0 where it is not `strict`."""
+    """A proposition of some kind; "below" says argument < 0, or <= 0 where it is not `strict`."""
 
     kind: Literal["constant", "below", "not", "and", "or"]
     parts: tuple[Proposition, ...] = ()
@@ -146,7 +146,7 @@ def either(a: Proposition, b: Proposition) -> Proposition:
 def choice_of_truths(c: Proposition, a: Proposition, b: Proposition) -> Proposition:
     """The proposition `c ? a : b`, simplified where one is known.
 
-    That a and b hold is a part of it by itself: there it does not matter that c is uncertain.
+    It is also true where a and b hold: there it does not matter whether c is certain.
     """
     if a.kind == "constant":
         return either(c, b) if a.value else both(negation(c), b)
@@ -156,7 +156,7 @@ def choice_of_truths(c: Proposition, a: Proposition, b: Proposition) -> Proposit
 
 
 def conjuncts(a: Proposition) -> list[Proposition]:
-    """The parts of a conjunction, each once: propositions that together say the same as it."""
+    """The conjuncts of a proposition, each once; together they say the same as it."""
     found, todo = [], [(a, True)]  # whether it holds, or does not
     for x, yes in todo:
         if x.kind in ("not", "and" if yes else "or"):
@@ -169,7 +169,7 @@ def conjuncts(a: Proposition) -> list[Proposition]:
 
 @dataclass(eq=False)
 class Terms:
-    """Builds terms over one list of atoms; `domain` of an input is where it may lie at all."""
+    """Builds terms over one list of atoms, whose inputs have a range: their domain."""
 
     atoms: list[Atom] = field(default_factory=list)
     obligations: list[Proposition] = field(default_factory=list)
@@ -185,7 +185,7 @@ class Terms:
     """Inputs that stand for angles any number of turns further (`extras/left_out_states.py`)."""
 
     def add_obligation(self, truth: Proposition) -> None:
-        """Demand `truth` wherever the code being read runs."""
+        """Adds the obligation that `truth` holds wherever the code being read runs."""
         demand = either(negation(self.path), truth)
         known = demand.kind == "constant" and demand.value
         if not known and demand not in self.obligations:
@@ -206,28 +206,28 @@ class Terms:
         return Linear(ZERO, {index: ONE}, ZERO, atom.low, atom.high, nonnegative)
 
     def apply_function(self, name: str, *arguments: Linear, nonnegative: bool = False) -> Linear:
-        """The term of a function that has lines, exactly, over real numbers."""
+        """The term of a function that has lines, over real numbers."""
         ends: list[arb] = []
         for x in arguments:
             ends += (larger(x.low, ZERO) if x.nonnegative else x.low), x.high
-        *_, least, most = lines_over(name)(*ends)
+        *_, least, most = line_function(name)(*ends)
         return self.add_atom(Atom(name, arguments, low=least, high=most), nonnegative=nonnegative)
 
-    def is_beside(self, x: Linear) -> bool:
-        """Whether x is never where the box of the inputs ends, as one of them never is."""
+    def is_outside_state(self, x: Linear) -> bool:
+        """Whether x is the state that lies outside of its grid, and so never at the grid's end."""
         return self.outside in x.terms and len(x.terms) == 1 and x.radius.is_zero()
 
     # ------------------------------------------------------------ linear operations
 
     def constant(self, value: float) -> Linear:
-        """The term of a number of the program, exactly."""
+        """The term of a number of the program."""
         x = exact(value)
         return Linear(x, {}, ZERO, x, x, nonnegative=value >= 0)
 
     def rounded(self, x: Linear) -> Linear:
         """`x` as a machine rounds it to the nearest double.
 
-        Where it may leave the range of doubles, that it does not becomes an obligation.
+        Where it may leave the range of doubles, `beyond` of the result says when it does not.
         """
         relative = UNIT_ROUNDOFF * (1 + UNIT_ROUNDOFF)
         if beyond := self.beyond(x):
@@ -235,17 +235,17 @@ class Terms:
             enclosure.nonnegative, enclosure.rounds = x.nonnegative, x
             return replace(enclosure, radius=enclosure.radius + TINIEST, beyond=beyond)
         error = magnitude(x.low).max(magnitude(x.high)) * relative + TINIEST
-        ends = exact(below(x.low)), exact(above(x.high))  # rounding is monotone
+        ends = exact(lower(x.low)), exact(upper(x.high))  # rounding is monotone
         return Linear(x.const, x.terms, x.radius + error, *ends, x.nonnegative, rounds=x)
 
     def beyond(self, x: Linear) -> tuple[Proposition, ...]:
-        """What must hold so that a machine, which computes about `x`, has no infinity instead."""
+        """The propositions under which a machine that computes about `x` has no infinity."""
         if magnitude(x.low).max(magnitude(x.high)) < LARGEST:
             return ()
         return tuple(self.below_zero(self.combine(((s, x),), -LARGEST)) for s in (ONE, -ONE))
 
     def combine(self, parts: Sequence[tuple[arb, Linear]], offset: arb = ZERO) -> Linear:
-        """Sum factor * part + offset, exactly."""
+        """The term sum of factor * part, plus offset, with no rounding."""
         const, radius, low, high = offset, ZERO, offset, offset
         terms: dict[int, arb] = {}
         for factor, x in parts:
@@ -259,11 +259,11 @@ class Terms:
         terms = {a: c for a, c in terms.items() if not c.is_zero()}
         combination = Linear(const, terms, radius, low, high)
         if len(parts) > 1:
-            self._tighten(combination)
+            self._narrow_range(combination)
         return combination
 
-    def _tighten(self, x: Linear) -> None:
-        """Bound a combination anew from its atoms: some may have cancelled."""
+    def _narrow_range(self, x: Linear) -> None:
+        """Narrows the range of a combination by its atoms, of which some may have cancelled."""
         low, high = x.const - x.radius, x.const + x.radius
         for index, coefficient in x.terms.items():
             atom = self.atoms[index]
@@ -279,13 +279,13 @@ class Terms:
         return total
 
     def subtract(self, a: Linear, b: Linear) -> Linear:
-        """The difference `a - b`; 0 where both are one number, however that was rounded."""
+        """The difference `a - b`; 0 where both are the same number."""
         if is_same_number(a, b):
             return self.constant(0.0)
         return self.combine(((ONE, a), (-ONE, b)))
 
     def multiply(self, a: Linear, b: Linear) -> Linear:
-        """`a * b`; what is not negative, times such a number, is not, also once it is rounded."""
+        """The product `a * b`; two factors that are not negative make one that is not."""
         kept = a.nonnegative and b.nonnegative
         if a.is_constant and a.radius.is_zero():
             return replace(self.combine(((a.const, b),)), nonnegative=kept)
@@ -299,7 +299,7 @@ class Terms:
         )
 
     def divide(self, a: Linear, b: Linear) -> Linear:
-        """The quotient a / b; that b is not 0 becomes an obligation."""
+        """The quotient a / b, with the obligation that b is not 0."""
         if b.is_constant and b.radius.is_zero() and not b.const.is_zero():
             return self.combine(((1 / b.const, a),))
         self.add_obligation(either(self.below_zero(b), self.below_zero(self.combine(((-ONE, b),)))))
@@ -308,7 +308,7 @@ class Terms:
     def _soft_sign_quotient(self, a: Linear, b: Linear) -> Linear | None:
         """The quotient a / b if b = k |y| + c, k, c > 0, and a is y times something; else None.
 
-        y / b is a soft sign of k y / c, over k, and no more than 1 / k; y times an inverse is more.
+        y / b is a soft sign of k y / c over k, at most 1 / k; y times an inverse would be more.
         """
         if len(b.terms) != 1 or not b.radius.is_zero():
             return None
@@ -336,7 +336,7 @@ class Terms:
     def minimum(self, a: Linear, b: Linear, *, tight: bool = False) -> Linear:
         """min(a, b) = b - max(b - a, 0): exact, as the machine's is, and never above a number b.
 
-        `tight`: also never above a. What is read costs more then.
+        `tight`: also never above a, which costs another atom.
         """
         if a.is_constant:
             a, b = b, a
@@ -349,7 +349,7 @@ class Terms:
         return self.add_atom(Atom("min", (b, rest, a), low=low, high=high))
 
     def maximum(self, a: Linear, b: Linear, *, tight: bool = False) -> Linear:
-        """max(a, b) = b + max(a - b, 0); `tight`: never below a, either."""
+        """max(a, b) = b + max(a - b, 0), never below a number b; `tight`: never below a, either."""
         if a.is_constant:
             a, b = b, a
         rest = self.apply_function("max0", self.subtract(a, b))
@@ -376,7 +376,7 @@ class Terms:
         )
 
     def spread(self, weights: Sequence[arb], arguments: Sequence[Linear]) -> Linear:
-        """Anything in [-1, 1] times sum weight |argument|; 0 where nothing has weight."""
+        """Any number within sum weight |argument|; 0 where all weights are 0."""
         kept = [(w, x) for w, x in zip(weights, arguments, strict=True) if not w.is_zero()]
         if not kept:
             return self.constant(0.0)
@@ -389,7 +389,7 @@ class Terms:
     # ------------------------------------------------------------ propositions
 
     def below_zero(self, x: Linear, *, strict: bool = True) -> Proposition:
-        """Whether `x < 0`; with `strict=False` whether `x <= 0`."""
+        """The proposition `x < 0`; with `strict=False` `x <= 0`."""
         if x.high < 0 or (not strict and x.high <= 0):
             return TRUE
         if x.low > 0 or (strict and x.low >= 0):
@@ -399,7 +399,7 @@ class Terms:
         return Proposition("below", argument=x, strict=strict)
 
     def compare(self, op: str, a: Linear, b: Linear) -> Proposition:
-        """Whether `a op b` holds of two machine numbers."""
+        """The proposition `a op b` about two machine numbers."""
         if op in (">", ">="):
             return self.compare({">": "<", ">=": "<="}[op], b, a)
         if op == "!=":
@@ -411,7 +411,7 @@ class Terms:
         return self._less(a, b, strict=op == "<")
 
     def _less(self, a: Linear, b: Linear, *, strict: bool) -> Proposition:
-        """Whether `a < b`, or `a <= b`: by their difference, and by the range of each alone."""
+        """The proposition `a < b`, or `a <= b`, by their difference and by the range of each."""
         difference = self.subtract(a, b)
         less = self.below_zero(difference, strict=strict)
         plain = (a.is_constant or b.is_constant) and (a.rounds or b.rounds) is None
@@ -423,7 +423,7 @@ class Terms:
 
 
 def is_same_number(a: Linear, b: Linear) -> bool:
-    """Whether two forms certainly are the same number; rounded ones are only alike."""
+    """Whether two terms certainly are one number; rounded ones only where they are one object."""
     if a is b:
         return True
     if not (a.radius.is_zero() and b.radius.is_zero() and a.const == b.const):
@@ -431,19 +431,19 @@ def is_same_number(a: Linear, b: Linear) -> bool:
     return a.terms.keys() == b.terms.keys() and all(c == b.terms[i] for i, c in a.terms.items())
 
 
-def inputs_of(terms: Terms, roots: Sequence[Linear | Proposition]) -> set[int]:
-    """Indices of the inputs that the terms depend on."""
+def input_atoms(terms: Terms, roots: Sequence[Linear | Proposition]) -> set[int]:
+    """The indices of the inputs on which terms and propositions depend."""
     return {i for i in atoms_under(terms, roots) if terms.atoms[i].kind in ("state", "box")}
 
 
 def atoms_under(terms: Terms, roots: Sequence[Linear | Proposition]) -> set[int]:
-    """Indices of every atom that the roots are made of, also through other atoms."""
+    """The indices of every atom that the roots are made of, also through other atoms."""
     indices: set[int] = set()
     todo: list[Linear | Proposition] = list(roots)
     while todo:
         x = todo.pop()
         if isinstance(x, Proposition):
-            todo.extend(p.argument for p in parts_of(x) if p.argument is not None)
+            todo.extend(p.argument for p in subpropositions(x) if p.argument is not None)
             continue
         for index in x.terms.keys() - indices:
             indices.add(index)
@@ -452,8 +452,8 @@ def atoms_under(terms: Terms, roots: Sequence[Linear | Proposition]) -> set[int]
     return indices
 
 
-def parts_of(x: Proposition) -> list[Proposition]:
-    """A proposition and all that it is made of, each once: what is said twice is shared."""
+def subpropositions(x: Proposition) -> list[Proposition]:
+    """A proposition and all its parts, each once: a shared part is one object."""
     todo, known = [x], {id(x)}
     for p in todo:
         new = {id(q): q for q in p.parts if id(q) not in known}

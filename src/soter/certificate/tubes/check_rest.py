@@ -13,7 +13,7 @@ from math import inf
 from typing import TYPE_CHECKING, Any
 
 from soter.certificate.case_check import CLAIMS, check_static_claims, proved_claims
-from soter.certificate.reading.folder import hexadecimal, require_keys
+from soter.certificate.reading.folder import number_from_hexadecimal, require_keys
 from soter.certificate.reading.module_facts import bounded_topics
 from soter.certificate.reading.module_times import compare_times
 from soter.certificate.reading.symbolic_values import scalar_leaves
@@ -30,7 +30,7 @@ from soter.certificate.tubes.rest_claims import show_rule_1, show_rule_2
 from soter.certificate.tubes.rest_problem import (
     LARGEST,
     may_be_anywhere,
-    read_rest,
+    read_rest_problem,
     read_turns,
     shield_constants,
 )
@@ -60,11 +60,11 @@ SOUND = (
 
 
 def recheck_rest(flat: System, entry: dict[str, Any]) -> tuple[Facts, RecheckedModule]:
-    """Check one module's entry; RejectedError, NotRecheckedError where it is not confirmed."""
+    """Checks one module's entry; RejectedError, NotRecheckedError where it is not confirmed."""
     problem, box, ways = _compare_entry(flat, entry)
     facts, claims = problem.facts, proved_claims(entry["claims"])
-    tube = partial(_tube, problem, ways, entry["rest"].get(COLLECTS))
-    for show in _ways_to_show(problem, claims, box, ways, tube):
+    tube = partial(_make_tube, problem, ways, entry["rest"].get(COLLECTS))
+    for show in _functions_that_show(problem, claims, box, ways, tube):
         try:
             show()
         except NotRecheckedError:
@@ -86,10 +86,10 @@ def recheck_rest(flat: System, entry: dict[str, Any]) -> tuple[Facts, RecheckedM
 
 
 def recheck_plans(flat: System, entry: dict[str, Any]) -> tuple[Facts, RecheckedModule]:
-    """Check the entry of a module with several plans, each as if it alone were SC.
+    """Checks the entry of a module with several plans, each as if it alone were SC.
 
-    A claim is confirmed where it is of every plan; `start` is of the first, which SC follows until
-    the first verdict "AC". The facts are the first plan's; raises as `recheck_rest`.
+    A claim is confirmed where every plan has it; `start` is about the first plan, which SC follows
+    until the first verdict "AC". The facts are the first plan's; raises as `recheck_rest`.
     """
     checked = {name: recheck_rest(*of) for name, of in entries_of_plans(flat, entry).items()}
     (facts, report), *others = checked.values()
@@ -102,7 +102,7 @@ def recheck_plans(flat: System, entry: dict[str, Any]) -> tuple[Facts, Rechecked
 
 
 def read_plans(flat: System, entry: dict[str, Any]) -> None:
-    """As `read_entry`, for a module with several plans."""
+    """Reads, as `read_entry`, the entry of a module with several plans."""
     for of in entries_of_plans(flat, entry).values():
         read_entry(*of)
 
@@ -110,7 +110,7 @@ def read_plans(flat: System, entry: dict[str, Any]) -> None:
 def entries_of_plans(
     flat: System, entry: dict[str, Any]
 ) -> dict[str, tuple[System, dict[str, Any]]]:
-    """By plan the system in which it alone is SC, and its entry; of one plan all under "".
+    """Plan -> the system in which it alone is SC, and its entry; "" for a module of one plan.
 
     RejectedError where the plans are others in the program.
     """
@@ -124,9 +124,9 @@ def entries_of_plans(
     found = {}
     for k, (name, system) in enumerate(alone.items()):
         require_keys(plans[name], PLAN_KEYS, "a plan")
-        own = {n: v for n, v in claims.items() if not (k and n == "start")}
+        claims_of_plan = {n: v for n, v in claims.items() if not (k and n == "start")}
         head = {n: entry[n] for n in ("system", "module", "recover_ns")}
-        found[name] = system, {**head, **plans[name], "claims": own}
+        found[name] = system, {**head, **plans[name], "claims": claims_of_plan}
     return found
 
 
@@ -189,37 +189,37 @@ def _largest_assumptions(problem: RestProblem) -> Iterator[tuple[str, str]]:
 
 
 def read_entry(flat: System, entry: dict[str, Any]) -> None:
-    """Read an entry, compare it with the program, and show no claim; raises as `recheck_rest`."""
+    """Reads an entry and compares it with the program; shows nothing, raises as `recheck_rest`."""
     tube_of_entry(flat, entry)
 
 
 def tube_of_entry(flat: System, entry: dict[str, Any]) -> ModuleTube:
     """The tube that follows SC as the DM of an entry does; raises as `recheck_rest`."""
     problem, _, ways = _compare_entry(flat, entry)
-    return _tube(problem, ways, entry["rest"].get(COLLECTS))
+    return _make_tube(problem, ways, entry["rest"].get(COLLECTS))
 
 
-def _tube(problem: RestProblem, ways: dict[int, Range], collects: object) -> ModuleTube:
-    """The tube of a module; RejectedError where it collects in no state, or at no numbers."""
+def _make_tube(problem: RestProblem, ways: dict[int, Range], collects: object) -> ModuleTube:
+    """Makes the tube of a module; RejectedError where it collects in no state, or at no numbers."""
     if collects is None:
         return ModuleTube(problem, ways)
     require_keys(collects, "state at", COLLECTS)
     assert isinstance(collects, dict)
     names = [problem.facts.states[s].name for s in problem.followed]
-    low, high = (exact(hexadecimal(x, COLLECTS)) for x in collects["at"])
+    low, high = (exact(number_from_hexadecimal(x, COLLECTS)) for x in collects["at"])
     if collects["state"] not in names or not low < high:
         raise RejectedError("the check collects in no state that is followed, or at no numbers")
     return CollectingTube(problem, ways, names.index(collects["state"]), (low, high))
 
 
-def _ways_to_show(
+def _functions_that_show(
     problem: RestProblem,
     claims: set[str],
     box: dict[int, Range],
     ways: dict[int, Range],
     tube: Callable[[], ModuleTube],
 ) -> Iterator[Callable[[], None]]:
-    """Functions that show every claim, raising NotRecheckedError or RejectedError where not."""
+    """Functions that show the claims; they raise NotRecheckedError or RejectedError if not."""
     if "P2a" in claims:
         yield partial(show_answers, problem)
         yield partial(show_rule_1, problem, box, ways)
@@ -233,8 +233,7 @@ def _ways_to_show(
 def _show_start(problem: RestProblem, tube: Callable[[], ModuleTube]) -> None:
     for c in problem.facts.controls:
         default = problem.facts.system.topics[c.owner].default
-        if not c.low <= scalar_leaves(default)[c.leaf] <= c.high:
-            raise RejectedError(f"the default of `{c.name}` is outside its set")
+        assert c.low <= scalar_leaves(default)[c.leaf] <= c.high  # else V002
     if why := tube().why_starts_not_good():
         raise NotRecheckedError(f"start: {why}")
 
@@ -244,16 +243,18 @@ def _show_start(problem: RestProblem, tube: Callable[[], ModuleTube]) -> None:
 
 def _moves_entry(problem: RestProblem) -> dict[str, list[str | None]]:
     names, drifts = [s.name for s in problem.facts.states], problem.drifts
-    return {names[s]: [None if x == inf else x.hex() for x in drifts[s]] for s in problem.moving}
+    return {
+        names[s]: [None if x == inf else x.hex() for x in drifts[s]] for s in problem.moving_states
+    }
 
 
 def _free_states(problem: RestProblem, entry: object) -> dict[int, Range]:
-    """States of which an entry claims nothing at rest, though `moves` does not name them.
+    """The states of which an entry claims nothing at rest, though `moves` does not name them.
 
-    That may be said of states without ends: all that is shown then holds wherever they are.
-    NotRecheckedError where `rest`, or one of their rates, reads one of them, as it is read here.
+    That may be said of states without ends: all claims then hold wherever they are.
+    NotRecheckedError where `rest`, or one of their rates, reads one of them.
     """
-    names = {problem.facts.states[s].name: s for s in problem.own}
+    names = {problem.facts.states[s].name: s for s in problem.returning_states}
     claimed = entry if isinstance(entry, dict) else {}
     free = {names[n] for n, ends in claimed.items() if n in names and ends == [None, None]}
     if not all(problem.sets[s] == (-inf, inf) for s in free):
@@ -266,10 +267,10 @@ def _free_states(problem: RestProblem, entry: object) -> dict[int, Range]:
 def _compare_entry(
     flat: System, entry: dict[str, Any]
 ) -> tuple[RestProblem, dict[int, Range], dict[int, Range]]:
-    """The problem, B and Y (`rest_claims.py`); RejectedError where an entry differs otherwise."""
+    """Reads the problem, B and Y (`rest_claims.py`); RejectedError where a figure differs."""
     require_keys(entry, KEYS, "a module")
     rest = entry["rest"]
-    problem = read_rest(flat, entry["module"], rest.get("keeps", {}))
+    problem = read_rest_problem(flat, entry["module"], rest.get("keeps", {}))
     judged, claims = shield_constants(problem), proved_claims(entry["claims"])
     needed = [REST_KEYS, *["shield"] * bool(judged), *[KEPT_KEYS] * ("P2a" in claims)]
     require_keys(rest, " ".join(needed), "`rest`", f"{KEPT_KEYS} keeps wraps {COLLECTS}")
@@ -286,13 +287,13 @@ def _compare_entry(
         raise RejectedError(f"{min(wrong)}: what is decided in flight is assumed, not proved")
     _compare_inputs(facts, entry["inputs"])
     times = problem.times
-    for name, own in (
+    for name, ours in (
         ("within_ns", problem.within_ns),
         ("alpha_ns", times.alpha),
         ("switches", times.switches),
     ):
-        if type(rest[name]) is not int or rest[name] != own:
-            raise RejectedError(f"{name} is {rest[name]} in the manifest, {own} by the program")
+        if type(rest[name]) is not int or rest[name] != ours:
+            raise RejectedError(f"{name} is {rest[name]} in the manifest, {ours} by the program")
     _compare_shield(judged, rest.get("shield"))
     _compare_reads(problem, rest["reads"])
     problem.drifts |= _free_states(problem, rest["moves"])
@@ -305,7 +306,7 @@ def _compare_entry(
 
 
 def _compare_inputs(facts: Facts, entry: object) -> None:
-    """RejectedError where the manifest has another input, or another range of one."""
+    """RejectedError where the manifest has another input, or another range of an input."""
     known = [
         {"name": x.name, "kind": x.kind, "low": x.low.hex(), "high": x.high.hex()}
         for x in (*facts.controls, *facts.disturbances, *facts.errors, *facts.others)
@@ -317,13 +318,13 @@ def _compare_inputs(facts: Facts, entry: object) -> None:
             raise RejectedError(f"the range of {b['name']} is another one in the program")
 
 
-def _compare_shield(own: dict[str, int] | None, entry: object) -> None:
-    """RejectedError for other cells, or for times shorter than the program's, `own`."""
-    if own is None:
+def _compare_shield(constants: dict[str, int] | None, entry: object) -> None:
+    """RejectedError for other cells, or for times shorter than the program's constants."""
+    if constants is None:
         return
-    if not isinstance(entry, dict) or entry.keys() != own.keys():
+    if not isinstance(entry, dict) or entry.keys() != constants.keys():
         raise RejectedError("how commands are judged is not as the program says")
-    for name, by_program in own.items():
+    for name, by_program in constants.items():
         exactly = name == "cells"
         claimed = entry[name]
         if type(claimed) is not int or claimed < by_program or (exactly and claimed > by_program):
@@ -332,24 +333,24 @@ def _compare_shield(own: dict[str, int] | None, entry: object) -> None:
 
 def _compare_reads(problem: RestProblem, entry: dict[str, Any]) -> None:
     """RejectedError where the DM reads a followed state elsewhere, or with another error E."""
-    own = {problem.leaf(s): s for s in problem.followed}
-    if entry.keys() != own.keys():
+    states = {problem.field_read(s): s for s in problem.followed}
+    if entry.keys() != states.keys():
         raise NotRecheckedError("the states that its check follows are others here")
-    for leaf, s in own.items():
+    for leaf, s in states.items():
         require_keys(entry[leaf], "state within", "what is read")
         if entry[leaf]["state"] != problem.facts.states[s].name:
             raise RejectedError(f"`{leaf}` shows another state in the program")
-        if hexadecimal(entry[leaf]["within"], leaf) != problem.error(s):
+        if number_from_hexadecimal(entry[leaf]["within"], leaf) != problem.max_error(s):
             raise RejectedError(f"the error of {leaf} is another one in the program")
 
 
 def _read_ranges(problem: RestProblem, entry: dict[str, Any], set_name: str) -> dict[int, Range]:
-    """B or Y, as `set_name` says: a range for each followed state that `moves` does not name."""
-    names = {problem.facts.states[s].name: s for s in problem.own}
+    """Reads B or Y (`set_name`): the range of each followed state that `moves` does not name."""
+    names = {problem.facts.states[s].name: s for s in problem.returning_states}
     if entry.keys() != names.keys():
         raise RejectedError(f"`{set_name}` is not of the states that `rest` does not move")
     found = {}
     for name, ends in entry.items():
-        low, high = (hexadecimal(x, name) for x in ends)
+        low, high = (number_from_hexadecimal(x, name) for x in ends)
         found[names[name]] = low, high
     return found

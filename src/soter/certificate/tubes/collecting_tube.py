@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 class CollectingTube(ModuleTube):
-    """A `ModuleTube` that collects beyond `ends`, low < high, of the followed state at `place`."""
+    """A `ModuleTube` that collects beyond `ends`, low < high, of the state at `place`."""
 
     def __init__(
         self, problem: RestProblem, ways: Mapping[int, Range], place: int, ends: tuple[arb, arb]
@@ -39,7 +39,7 @@ class CollectingTube(ModuleTube):
         self._place, self._ends = place, ends
 
     def why_not_settled_at(self, body: StateSet, pieces: int, used: int = 0) -> str | None:
-        """As of a `ModuleTube`; runs from below collect at `low`, others at `high`."""
+        """As a `ModuleTube` has it, but runs from below collect at `low`, others at `high`."""
         (low, high), (least, most) = self._ends, body.box[self._place]
         upwards = bool(least < low)
         if not (upwards or most > high):
@@ -50,34 +50,34 @@ class CollectingTube(ModuleTube):
             here = self.chain.at_some_instant(body, late).box if late else body.box
             if not self.is_within_c(here):
                 return "any command may lead out of C while SC's may begin to act"
-            below, above = self._parts(here, low if upwards else high)
+            below, above = self._parts_below_and_above(here, low if upwards else high)
             beyond, left = (above, below) if upwards else (below, above)
-            met = _hull(met, beyond)
+            met = _hull_of_boxes(met, beyond)
             if not left:
                 return super().why_not_settled_at(StateSet.of_box(met), pieces, n)
             if late:
                 left = self.chain.flow.enclose(left, self.chain.flow.ranges, -late, NOW).box
-            ends = _cut(body.box[self._place], left[self._place])
+            ends = _common_part(body.box[self._place], left[self._place])
             box = [*body.box[: self._place], ends, *body.box[self._place + 1 :]]
-            body, boxes = self.chain.hold(
+            body, boxes = self.chain.follow_hold(
                 StateSet(box, body.rows, body.memory, body.ranges), pieces
             )
             if not self.are_within_c(boxes):
                 return f"SC may lead out of C within {n + 1} of its steps"
         return "SC is not certainly at rest in time"
 
-    def _parts(self, box: Box, at: arb) -> tuple[Box, Box]:
-        """What of a box is below a number, and above it, in the state at `place`; [] is nothing."""
+    def _parts_below_and_above(self, box: Box, at: arb) -> tuple[Box, Box]:
+        """The parts of a box below and above a number, in the state at `place`; [] for none."""
         (low, high), before, behind = box[self._place], box[: self._place], box[self._place + 1 :]
         below = [] if low > at else [*before, (low, high.min(at)), *behind]
         return below, [] if high < at else [*before, (low.max(at), high), *behind]
 
 
-def _hull(a: Box, b: Box) -> Box:
+def _hull_of_boxes(a: Box, b: Box) -> Box:
     pairs = zip(a, b, strict=True) if a and b else ()
     return [(x[0].min(y[0]), x[1].max(y[1])) for x, y in pairs] or [*a, *b]
 
 
-def _cut(a: tuple[arb, arb], b: tuple[arb, arb]) -> tuple[arb, arb]:
+def _common_part(a: tuple[arb, arb], b: tuple[arb, arb]) -> tuple[arb, arb]:
     low, high = a[0].max(b[0]), a[1].min(b[1])
     return (low, high) if low <= high else a  # nothing is left: anything holds it

@@ -3,13 +3,13 @@
 Purpose: `show_rule_1` and `show_rule_2` show the two rules of rest ("Decisions by tubes",
 proof-flight.md). Rule 1 is about the box B and the ways Y that a certificate
 names, a range each for every followed state that `moves` does not name: `rest` holds only in B, and
-SC then keeps the states in Y. Rule 2 is about what `moves` says. `slope` encloses derivatives of a
-term.
+SC then keeps the states in Y. Rule 2 is about what `moves` says. `slopes_in_input` encloses
+derivatives of a term.
 Non-goals: the start and single estimates (`tube_chains.py`); finding B and Y.
 
-`slope` is a ball, by the chain rule, atom by atom, over the range of each; at kinks it encloses
-Clarke's derivative. By the mean value theorem (Lebourg's, of Lipschitz functions) a term differs
-between two values of the input by a number in that ball times how far these are apart.
+`slopes_in_input` is a ball, by the chain rule, atom by atom, over the range of each; at kinks it
+encloses Clarke's derivative. By the mean value theorem (Lebourg's, of Lipschitz functions) a term
+differs between two values of the input by a number in that ball times how far these are apart.
 
 Rule 1: outside of B, in the sets of states, `rest` certainly does not hold, B is in Y, and from all
 of B, whatever acted before, a chain of SC is in Y until all states in which some later output
@@ -38,8 +38,8 @@ from flint import arb
 
 from soter.certificate.grid.flow_chains import NOW
 from soter.certificate.reading.case_model import (
-    boxes_of,
     control_inputs,
+    other_ends,
 )
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.compile_terms import all_certain, compile_lines, form_of_box
@@ -48,13 +48,13 @@ from soter.certificate.terms.linear_enclosures import (
     ONE,
     UNIT,
     ZERO,
-    above,
-    below,
     exact,
     hull,
+    lower,
+    upper,
 )
 from soter.certificate.terms.straight_line import NotCertainError
-from soter.certificate.terms.terms import Terms, atoms_under, inputs_of
+from soter.certificate.terms.terms import Terms, atoms_under, input_atoms
 from soter.certificate.tubes.rest_problem import (
     A_TURN,
     NANOSECOND,
@@ -79,15 +79,23 @@ if TYPE_CHECKING:
     """State -> its range."""
 
 
+HALVINGS, SPLITS, PIECES = 24, 8, (1, 2, 4)
+"""How often a slab outside of B, and B itself, is halved; steps of a hold after 0, 1, 2 cuts."""
+TRIED = 500
+"""How many states are tried until `rest` holds in one."""
+PARTS = 16
+"""Into so many parts Y is cut on each side of 0, for rule 2."""
+
+
 class NoSlopeError(Exception):
     """A term may jump in the input, or has an atom whose slope is not known here."""
 
 
-def slope(terms: Terms, x: Linear, at: int) -> arb:
+def slopes_in_input(terms: Terms, x: Linear, at: int) -> arb:
     """A ball around all slopes of a term in the input that is atom `at`; NoSlopeError if none."""
     slopes: dict[int, arb] = {at: ONE}
 
-    def of(x: Linear) -> arb:
+    def slopes_of(x: Linear) -> arb:
         if not x.radius.is_zero():
             raise NoSlopeError
         return sum((c * slopes[a] for a, c in x.terms.items()), ZERO)
@@ -98,22 +106,22 @@ def slope(terms: Terms, x: Linear, at: int) -> arb:
             continue
         roots: list[Linear | Proposition] = [*atom.arguments]
         roots += [] if atom.condition is None else [atom.condition]
-        if at not in inputs_of(terms, roots):
+        if at not in input_atoms(terms, roots):
             slopes[index] = ZERO
             continue
         if not atom.extra.is_zero() or atom.kind not in _RULES:
             raise NoSlopeError
-        slopes[index] = _RULES[atom.kind](atom, [of(y) for y in atom.arguments])
-    return of(x)
+        slopes[index] = _RULES[atom.kind](atom, [slopes_of(y) for y in atom.arguments])
+    return slopes_of(x)
 
 
-def _hull_of(x: Linear) -> arb:
+def _range_as_ball(x: Linear) -> arb:
     return hull(x.low, x.high)
 
 
 def _slope_rule(factor: Callable[[arb], arb]) -> Callable[[Atom, list[arb]], arb]:
     """The rule of a function of one number: the derivative over its range."""
-    return lambda atom, slopes: factor(_hull_of(atom.arguments[0])) * slopes[0]
+    return lambda atom, slopes: factor(_range_as_ball(atom.arguments[0])) * slopes[0]
 
 
 def _kink_rule(beneath: arb, between: arb) -> Callable[[Atom, list[arb]], arb]:
@@ -126,13 +134,13 @@ def _kink_rule(beneath: arb, between: arb) -> Callable[[Atom, list[arb]], arb]:
     return rule
 
 
-def _product(atom: Atom, slopes: list[arb]) -> arb:
-    a, b = map(_hull_of, atom.arguments)
+def _product_rule(atom: Atom, slopes: list[arb]) -> arb:
+    a, b = map(_range_as_ball, atom.arguments)
     return a * slopes[1] + b * slopes[0]
 
 
-def _extreme(atom: Atom, slopes: list[arb]) -> arb:
-    """The rule of min and max: the slope of the one that it certainly is, else of both."""
+def _extreme_rule(atom: Atom, slopes: list[arb]) -> arb:
+    """The rule of min and max: the slope of the number that it certainly is, else of both."""
     one, _, other = atom.arguments
     if one.high <= other.low or other.high <= one.low:
         is_first = (one.high <= other.low) == (atom.kind == "min")
@@ -140,20 +148,20 @@ def _extreme(atom: Atom, slopes: list[arb]) -> arb:
     return slopes[0].union(slopes[2])
 
 
-def _power(atom: Atom, slopes: list[arb]) -> arb:
+def _power_rule(atom: Atom, slopes: list[arb]) -> arb:
     """The rule of x^y: y x^(y - 1) by x, and x^y log x by y, where that is asked for."""
-    x, y = map(_hull_of, atom.arguments)
+    x, y = map(_range_as_ball, atom.arguments)
     by_x: arb = y * x ** (y - 1) * slopes[0]
     return by_x if slopes[1].is_zero() else by_x + x**y * x.log() * slopes[1]
 
 
 _RULES: dict[str, Callable[[Atom, list[arb]], arb]] = {
-    "product": _product,
-    "pow": _power,
+    "product": _product_rule,
+    "pow": _power_rule,
     "asin": _slope_rule(lambda x: 1 / (1 - x * x).sqrt()),
     "acos": _slope_rule(lambda x: -1 / (1 - x * x).sqrt()),
-    "min": _extreme,
-    "max": _extreme,
+    "min": _extreme_rule,
+    "max": _extreme_rule,
     "max0": _kink_rule(ZERO, hull(ZERO, ONE)),
     "abs": _kink_rule(-ONE, UNIT),
     "square": _slope_rule(lambda x: 2 * x),
@@ -170,57 +178,49 @@ _RULES: dict[str, Callable[[Atom, list[arb]], arb]] = {
 }
 
 
-HALVINGS, SPLITS, PIECES = 24, 8, (1, 2, 4)
-"""How often a slab outside of B, and B itself, is halved; steps of a hold after 0, 1, 2 cuts."""
-TRIED = 500
-"""How many states are tried until `rest` holds in one."""
-PARTS = 16
-"""Into so many parts Y is cut on each side of 0, for rule 2."""
-
-
 # ---------------------------------------------------------------- rule 1
 
 
 def show_rule_1(problem: RestProblem, box: Ranges, ways: Ranges) -> None:
-    """Show rule 1 of B (`box`) and Y (`ways`), by state; NotRecheckedError where it is not shown.
+    """Shows rule 1 of B (`box`) and Y (`ways`); NotRecheckedError where it is not shown.
 
     RejectedError where B is not in Y, or Y not in the sets.
     """
-    own, sets = problem.own, problem.sets
-    for s in own:
+    returning, sets = problem.returning_states, problem.sets
+    for s in returning:
         low, high = box[s]
         least, most = ways[s]
         if not sets[s][0] <= least <= low <= high <= most <= sets[s][1]:
             raise RejectedError("P2a: the box of `rest` does not lie within its ways and sets")
     _show_rest_only_in(problem, box)
-    if not own:
+    if not returning:
         return
     model = RestModel(problem.facts, (), problem.facts.extents)
     times = problem.times
     turning = problem.facts.turning
     turns, free = (dict.fromkeys(turning, ends) for ends in (A_TURN, (-inf, inf)))
     every = {**box, **turns}, {**ways, **free}, {**box, **free}
-    for group in _state_groups(model, [*own, *turning]):
+    for group in _state_groups(model, [*returning, *turning]):
         if turning.issuperset(group):
             continue
         flow = TubeFlow(model, group)
-        chain = TubeChain(model, group, flow, times.holds, problem.messages(group))
-        start, way, end = (_ends(of, group) for of in every)
+        chain = TubeChain(model, group, flow, times.chain, problem.messages(group))
+        start, way, end = (_box_of_states(of, group) for of in every)
         if not _box_returns(chain, start, way, end, times.switches, 0):
             raise NotRecheckedError("P2a: SC does not certainly lead back to where `rest` holds")
 
 
-def _state_groups(model: RestModel, own: Sequence[int]) -> list[tuple[int, ...]]:
-    """Groups of states: no rate of one, nor a command in it, reads a state of another group."""
+def _state_groups(model: RestModel, members: Sequence[int]) -> list[tuple[int, ...]]:
+    """Groups of states: no rate or command of one group reads a state of another group."""
     terms, states = model.new_terms()
     controls = control_inputs(model.facts, terms)
-    commands, (rates, _) = model.commands(terms, states), model.rates(terms, states, controls)
+    commands, (rates, _) = model.sc_commands(terms, states), model.rates(terms, states, controls)
     groups: list[set[int]] = []
-    for s in own:
-        felt = inputs_of(terms, [rates[s]])
+    for s in members:
+        felt = input_atoms(terms, [rates[s]])
         answers = [u for c, u in zip(controls, commands, strict=True) if c.atom in felt]
-        read = felt | inputs_of(terms, answers)
-        near = {s, *(k for k in own if states[k].atom in read)}
+        read = felt | input_atoms(terms, answers)
+        near = {s, *(k for k in members if states[k].atom in read)}
         joined = [g for g in groups if g & near]
         groups = [*(g for g in groups if not g & near), near.union(*joined)]
     return [tuple(sorted(g)) for g in groups]
@@ -247,33 +247,34 @@ def _box_returns(chain: TubeChain, start: Box, way: Box, end: Box, holds: int, c
 
 
 def _leads_back(chain: TubeChain, start: Box, way: Box, end: Box, holds: int, pieces: int) -> bool:
+    """Whether a chain from `start` is in `way` until all states of a later switch are in `end`."""
     body, late = StateSet.of_box(start), bool(chain.span)
     try:
         for n in range(holds + 1):
-            if n and not late and inside(body.box, end):
+            if n and not late and is_inside(body.box, end):
                 return True
-            body, boxes = chain.hold(body, pieces)
+            body, boxes = chain.follow_hold(body, pieces)
             for k, box in enumerate(boxes):
-                if not inside(box, way):
+                if not is_inside(box, way):
                     return False
-                if n and late and k == 0 and inside(box, end):
+                if n and late and k == 0 and is_inside(box, end):
                     return True
     except NotCertainError:
         return False
     return False
 
 
-def inside(box: Box, other: Box) -> bool:
-    """Whether a box lies in another one."""
+def is_inside(box: Box, other: Box) -> bool:
+    """Whether a box lies in another box."""
     return all(a >= c and b <= d for (a, b), (c, d) in zip(box, other, strict=True))
 
 
-def _ends(ranges: Ranges, states: tuple[int, ...]) -> Box:
+def _box_of_states(ranges: Ranges, states: tuple[int, ...]) -> Box:
     return [(exact(ranges[s][0]), exact(ranges[s][1])) for s in states]
 
 
 def _show_rest_only_in(problem: RestProblem, box: Ranges) -> None:
-    """Show that `rest` holds nowhere in the states' sets outside of a box; NotRecheckedError."""
+    """NotRecheckedError unless `rest` holds nowhere in the states' sets outside of a box."""
     model = RestModel(problem.facts, (), problem.facts.extents)
     rest = ConditionOnBoxes(
         model,
@@ -281,10 +282,10 @@ def _show_rest_only_in(problem: RestProblem, box: Ranges) -> None:
         lambda t, x: model.predicate(t, x, problem.rest.condition, errors=False),
     )
     at = {s: (exact(a), exact(b)) for s, (a, b) in enumerate(problem.facts.extents)}
-    for s in problem.own:
+    for s in problem.returning_states:
         low, high = map(exact, box[s])
         for slab in ((at[s][0], low), (high, at[s][1])):
-            if slab[0] < slab[1] and not _false_on_slab(rest, problem, {**at, s: slab}, s, 0):
+            if slab[0] < slab[1] and not _is_false_on_slab(rest, problem, {**at, s: slab}, s, 0):
                 name = problem.facts.states[s].name
                 raise NotRecheckedError(f"P2a: `rest` may hold outside of its box, by {name}")
         at[s] = low, high
@@ -293,25 +294,26 @@ def _show_rest_only_in(problem: RestProblem, box: Ranges) -> None:
 
 
 def _holds_somewhere(rest: ConditionOnBoxes, box: Box) -> bool:
-    """Whether a condition certainly holds in a state of a box; a few hundred are tried."""
-    draw, ends = random.Random(0), [(below(a), above(b)) for a, b in box]  # noqa: S311 - no secret
+    """Whether a condition certainly holds in one of some hundred states of a box."""
+    draw, ends = random.Random(0), [(lower(a), upper(b)) for a, b in box]  # noqa: S311 - no secret
     usual = [(a / 2 + b / 2, min(max(0.0, a), b), a, b) for a, b in ends]
     points = [[draw.choice((*u, draw.uniform(u[2], u[3]))) for u in usual] for _ in range(TRIED)]
     middle = [u[0] for u in usual]
-    return any(rest.certain([(exact(x), exact(x)) for x in p]) for p in (middle, *points))
+    return any(rest.is_certain([(exact(x), exact(x)) for x in p]) for p in (middle, *points))
 
 
-def _false_on_slab(
+def _is_false_on_slab(
     rest: ConditionOnBoxes, problem: RestProblem, at: dict[int, tuple[arb, arb]], s: int, cut: int
 ) -> bool:
-    if rest.certainly_false([at[k] for k in problem.followed]):
+    """Whether `rest` certainly holds nowhere where state `s` is in its range, halved if needed."""
+    if rest.is_certainly_false([at[k] for k in problem.followed]):
         return True
     if cut == HALVINGS:
         return False
     low, high = at[s]
     middle = cut_point(low, high)
     halves = ((low, middle), (middle, high))
-    return all(_false_on_slab(rest, problem, {**at, s: h}, s, cut + 1) for h in halves)
+    return all(_is_false_on_slab(rest, problem, {**at, s: h}, s, cut + 1) for h in halves)
 
 
 # ---------------------------------------------------------------- rule 2
@@ -325,11 +327,11 @@ class AtRest(NamedTuple):
 
 
 def show_rule_2(problem: RestProblem, box: Ranges, ways: Ranges) -> None:
-    """Show rule 2 of each state that `moves` names; NotRecheckedError where it is not shown."""
-    if not problem.moving:
+    """Shows rule 2 of each state that `moves` names; NotRecheckedError where it is not shown."""
+    if not problem.moving_states:
         return
     try:
-        commands = _answered(problem, ways)
+        commands = _command_ranges(problem, ways)
     except NotCertainError:
         raise NotRecheckedError("P2a: what SC answers at rest is not bounded") from None
     ranges = dict(enumerate(problem.facts.extents)) | dict(ways)
@@ -337,25 +339,25 @@ def show_rule_2(problem: RestProblem, box: Ranges, ways: Ranges) -> None:
     terms, *_ = _rates(problem, at_rest)
     if not all_certain(terms, terms.obligations):
         raise NotRecheckedError("P2a: a plant's equation is not defined everywhere at rest")
-    for z in problem.moving:
+    for z in problem.moving_states:
         for sign, by in zip((-1, 1), problem.drifts[z], strict=True):
             if by < inf and not _is_growth_below(problem, z, sign * ONE, by, box, at_rest):
                 name = problem.facts.states[z].name
                 raise NotRecheckedError(f"P2a: how far SC moves {name} is not shown")
 
 
-def _answered(problem: RestProblem, ways: Ranges) -> list[tuple[arb, arb]]:
+def _command_ranges(problem: RestProblem, ways: Ranges) -> list[tuple[arb, arb]]:
     """The range of each command that SC answers to reads in Y, or in what leads to Y within d."""
     model = RestModel(problem.facts, (), problem.facts.extents)
-    own, box = problem.own, _ends(ways, problem.own)
+    members, box = problem.returning_states, _box_of_states(ways, problem.returning_states)
     if problem.times.delay:
-        flow = TubeFlow(model, own)
+        flow = TubeFlow(model, members)
         past = flow.enclose(box, flow.ranges, -problem.times.delay * NANOSECOND, NOW).box
         box = [(a.min(c), b.max(d)) for (a, b), (c, d) in zip(box, past, strict=True)]
     terms, states = model.new_terms()
-    commands = model.commands(terms, states)
-    atoms = [states[s].atom for s in own]
-    others = boxes_of(model, states, own)
+    commands = model.sc_commands(terms, states)
+    atoms = [states[s].atom for s in members]
+    others = other_ends(model, states, members)
     for (low, high), a in zip(box, atoms, strict=True):
         if not (low >= terms.atoms[a].low and high <= terms.atoms[a].high):
             raise NotCertainError
@@ -363,7 +365,7 @@ def _answered(problem: RestProblem, ways: Ranges) -> list[tuple[arb, arb]]:
     found = lines(form_of_box(box, symbols=False))
     if found is None:
         raise NotCertainError
-    width = len(own) + 4
+    width = len(members) + 4
     ends = [(found[k * width - 2], found[k * width - 1]) for k in range(1, len(commands) + 1)]
     return [
         (a.max(exact(c.low)), b.min(exact(c.high)))
@@ -376,10 +378,10 @@ def _is_growth_below(
 ) -> bool:
     """Whether z grows (`sign` 1), or falls (-1), by at most `by`."""
     total, held = ZERO, at_rest
-    for x in problem.own:
+    for x in problem.returning_states:
         if _rate_bound(problem, z, sign, held) <= 0:
             break
-        c = _factor(problem, z, sign, x, held)
+        c = _outweighing_factor(problem, z, sign, x, held)
         if c < inf:
             total += exact(c) * exact(max(map(abs, rests[x])))
             held = AtRest({**held.states, x: (ZERO, ZERO)}, held.commands)
@@ -392,59 +394,59 @@ def _rate_bound(problem: RestProblem, z: int, sign: arb, at_rest: AtRest) -> arb
     return terms.combine(((sign, rates[z]),)).high
 
 
-def _factor(problem: RestProblem, z: int, sign: arb, x: int, at_rest: AtRest) -> float:
+def _outweighing_factor(problem: RestProblem, z: int, sign: arb, x: int, at_rest: AtRest) -> float:
     """A c for which c |x| outweighs what x adds to z'; 0: x adds nothing; inf: there is no c."""
     found = [
-        _factor_beside(problem, (z, x), (sign, side), far, at_rest)
+        _factor_on_side(problem, (z, x), (sign, side), far, at_rest)
         for side, far in zip((-ONE, ONE), at_rest.states[x], strict=True)
         if side * far > 0
     ]
     return max(c for c, _ in found) if any(adds for _, adds in found) else 0.0
 
 
-def _factor_beside(
+def _factor_on_side(
     problem: RestProblem, of: tuple[int, int], signs: tuple[arb, arb], far: arb, at_rest: AtRest
 ) -> tuple[float, bool]:
-    """`_factor` on the side `signs[1]` of x = 0, as far as `far`; whether x adds anything there."""
+    """The factor on the side `signs[1]` of x = 0, as far as `far`; whether x adds to z' there."""
     (z, x), (sign, side) = of, signs
 
-    def within(span: tuple[arb, arb]) -> tuple[Terms, list[Linear], list[Linear]]:
+    def rates_on_span(span: tuple[arb, arb]) -> tuple[Terms, list[Linear], list[Linear]]:
         return _rates(problem, AtRest({**at_rest.states, x: span}, at_rest.commands))
 
     adds, by_slope, by_range, added = ZERO, [], [], []
     for k in range(PARTS):
         ends = [far * i / PARTS for i in (k, k + 1)]
-        terms, states, rates = within((ends[0].min(ends[1]), ends[0].max(ends[1])))
+        terms, states, rates = rates_on_span((ends[0].min(ends[1]), ends[0].max(ends[1])))
         at = states[x].atom
-        added.append(_most(side * sign * _slope(terms, rates[z], at)))
+        added.append(_upper_end(side * sign * _slopes_or_nan(terms, rates[z], at)))
         before, adds = adds, adds + exact(added[-1]) * abs(far) / PARTS
-        by_slope.append(_ratio(exact(added[-1]), -_slope(terms, rates[x], at)))
+        by_slope.append(_ratio(exact(added[-1]), -_slopes_or_nan(terms, rates[x], at)))
         by_range.append(_ratio(before.max(adds), -terms.combine(((side, rates[x]),)).high))
-    terms, _, rates = within((ZERO, ZERO))
+    terms, _, rates = rates_on_span((ZERO, ZERO))
     first = terms.combine(((side, rates[x]),)).high <= 0
     last = PARTS if first else 0
     c = min(max([*by_slope[:m], *by_range[m:]]) for m in range(last + 1))
     return c, max(added) > 0
 
 
-def _slope(terms: Terms, x: Linear, at: int) -> arb:
+def _slopes_or_nan(terms: Terms, x: Linear, at: int) -> arb:
     try:
-        return slope(terms, x, at)
+        return slopes_in_input(terms, x, at)
     except NoSlopeError:
         return arb.nan()
 
 
-def _most(x: arb) -> float:
-    return above(x.upper()) if x.is_finite() else inf
+def _upper_end(x: arb) -> float:
+    return upper(x.upper()) if x.is_finite() else inf
 
 
 def _ratio(adds: arb, falls: arb) -> float:
-    """A c with `adds` <= c `falls`; 0 where nothing is added, inf where there is none."""
+    """A c with `adds` <= c `falls`; 0 where nothing is added, inf where there is no such c."""
     if not (adds.is_finite() and falls.is_finite()):
         return inf
     if adds <= 0 and falls >= 0:
         return 0.0
-    return _most(adds / falls.lower()) if falls > 0 else inf
+    return _upper_end(adds / falls.lower()) if falls > 0 else inf
 
 
 def _rates(problem: RestProblem, at_rest: AtRest) -> tuple[Terms, list[Linear], list[Linear]]:

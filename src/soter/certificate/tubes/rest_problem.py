@@ -1,8 +1,8 @@
 """The problem of a module with `rest`, read again: "Decisions by tubes" (docs/proof-flight.md).
 
-Purpose: `read_rest` reads a `RestProblem` off the program alone: which states are followed, in
-which leaf the DM sees each and how far that may be off, the sets of states, what `moves` says, and
-every time constant. `RestModel` makes the terms that tubes and claims are about.
+Purpose: `read_rest_problem` reads a `RestProblem` off the program alone: which states are followed,
+in which leaf the DM sees each and how far that may be off, the sets of states, what `moves` says,
+and every time constant. `RestModel` makes the terms that tubes and claims are about.
 Non-goals: tubes (`tube_chains.py`), what is claimed (`rest_claims.py`).
 
 The argument: a state is followed if an answer of SC, a condition or the rate of a followed state
@@ -25,27 +25,27 @@ from typing import TYPE_CHECKING, Any
 from flint import arb
 
 from soter.certificate.extras.estimates_and_shield import acted_ns, command_cells
-from soter.certificate.extras.left_out_states import THIRD, degree, refuse_turns_read
+from soter.certificate.extras.left_out_states import THIRD, growth_degree, refuse_turns_read
 from soter.certificate.extras.sc_locals_and_modes import check_start_answers
 from soter.certificate.grid.flow_chains import NOW, Times
 from soter.certificate.reading.case_model import CaseModel, control_inputs
-from soter.certificate.reading.folder import hexadecimal
+from soter.certificate.reading.folder import number_from_hexadecimal
 from soter.certificate.reading.module_facts import (
     DiffersError,
     Facts,
     bounded_topics,
+    const_value,
     driven_topics,
     named_leaves,
-    number_of,
     topics_read,
     topics_read_by_sc,
 )
 from soter.certificate.reading.problem import read_facts, state_published
-from soter.certificate.reading.supported_constructs import check_supported
+from soter.certificate.reading.supported_constructs import require_supported
 from soter.certificate.reading.symbolic_values import scalar_leaves, value_of_leaves
 from soter.certificate.report import NotRecheckedError, RejectedError
-from soter.certificate.terms.linear_enclosures import HALF, ONE, ZERO, above, below, exact
-from soter.certificate.terms.terms import Terms, atoms_under, both, inputs_of
+from soter.certificate.terms.linear_enclosures import HALF, ONE, ZERO, exact, lower, upper
+from soter.certificate.terms.terms import Terms, atoms_under, both, input_atoms
 from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import FloatType, leaf_name, leaves
 
@@ -74,7 +74,7 @@ UNBOUNDED_END = arb(2) ** 10**6
 
 @dataclass(frozen=True)
 class RestTimes:
-    """In ns; `alpha`: from an estimate to a complete output of SC, at least; `switches`: N_T."""
+    """Times in ns; `alpha`: the least from an estimate to a complete output; `switches`: N_T."""
 
     horizon: int
     alpha: int
@@ -86,11 +86,11 @@ class RestTimes:
 
     @property
     def start_alpha(self) -> int:
-        """`alpha` for the start of a run, where h_0 stands for H."""
+        """The `alpha` of the start of a run, where h_0 stands for H."""
         return max(0, self.start - self.period - self.jitter)
 
     @property
-    def holds(self) -> Times:
+    def chain(self) -> Times:
         """The times of a chain that follows all runs at once."""
         ns = (self.period, self.delay, self.jitter)
         delta, delay, jitter = (t * NANOSECOND for t in ns)
@@ -99,7 +99,7 @@ class RestTimes:
 
 @dataclass(eq=False)
 class RestProblem:
-    """One module's problem; `leaves`: followed state -> (topic, leaf) in which its DM reads it."""
+    """One module's problem; `leaves`: followed state -> (topic, leaf) in which its DM sees it."""
 
     facts: Facts
     rest: RestSymbol
@@ -114,37 +114,37 @@ class RestProblem:
     """`static` topics that `safe` reads and no plant drives."""
 
     @property
-    def first_map(self) -> dict[int, Value]:
-        """The value of each map at the start of a run: its default."""
+    def default_maps(self) -> dict[int, Value]:
+        """Map -> its value at the start of a run, which is its default."""
         return {index: self.facts.system.topics[index].default for index in self.maps}
 
     @property
     def map_leaves(self) -> dict[int, list[str]]:
-        """The fields of each map that the DM reads, as `topic.leaf`."""
+        """Map -> its fields, which the DM reads, as `topic.leaf`."""
         topics = {index: self.facts.system.topics[index] for index in self.maps}
         return {i: [name for _, name, _ in named_leaves(t.name, t.type)] for i, t in topics.items()}
 
     @property
-    def own(self) -> tuple[int, ...]:
-        """Followed states that `moves` does not name, and that have to come back."""
+    def returning_states(self) -> tuple[int, ...]:
+        """The followed states that have to come back: neither in `moves` nor turning freely."""
         other = {*self.drifts, *self.facts.turning}
         return tuple(s for s in self.followed if s not in other)
 
     @property
-    def moving(self) -> tuple[int, ...]:
-        """Followed states that `moves` names."""
+    def moving_states(self) -> tuple[int, ...]:
+        """The followed states that `moves` names."""
         return tuple(s for s in self.followed if s in self.drifts)
 
     def messages(self, states: Iterable[int]) -> list[int]:
-        """For each state the topic of a plant by which SC sees it: one message is of one instant.
+        """For each state the topic by which SC sees it: one message shows one instant.
 
-        Where SC does not read a state, any will do.
+        For a state that SC does not read any topic will do.
         """
         return [self.leaves[s][0] for s in states]
 
     @property
     def times(self) -> RestTimes:
-        """The constants of a tube, from the times that claims are held to."""
+        """The time constants of a tube, from the times that claims are held to."""
         t, jitter, period = self.facts.times, self.facts.jitter_ns, self.facts.times["delta_ns"]
         horizon, least = t["H_ns"], min(e.least for e in self.facts.setting.effects)
         alpha = max(t["Delta_ns"] - t["J_dm_ns"] + least, horizon - period - jitter)
@@ -158,14 +158,14 @@ class RestProblem:
             (self.within_ns - jitter) // period,
         )
 
-    def leaf(self, state: int) -> str:
+    def field_read(self, state: int) -> str:
         """The field in which the DM reads a followed state, as `topic.field`."""
         topic, k = self.leaves[state]
         declared = self.facts.system.topics[topic]
         path = [p for p, _ in leaves(declared.type)][k]
         return leaf_name(declared.name, path)
 
-    def error(self, state: int) -> float:
+    def max_error(self, state: int) -> float:
         """E of a state: the largest error of the topics in which the module reads it."""
         shown = {at for at, s in states_shown(self.facts).items() if s == state}
         return max((e.high for e in self.facts.errors if (e.owner, e.leaf) in shown), default=0.0)
@@ -182,11 +182,11 @@ class RestModel(CaseModel):
     known: Mapping[int, Value] = field(default_factory=dict)
 
     def new_terms(self, farthest: arb | None = None) -> tuple[Terms, list[Linear]]:
-        """Fresh terms, and the states in them."""
+        """New terms, with the states as inputs."""
         return super().new_terms(UNBOUNDED_END if self.far else farthest)
 
     def topics(self, terms: Terms, states: Sequence[Linear], *, errors: bool) -> dict[int, Any]:
-        """The driven topics and the others in these states, and maps."""
+        """Topic -> its value in these states, as for a `CaseModel`, and the values of maps."""
         found = super().topics(terms, states, errors=errors)
         for index in map_topics(self.facts):
             topic = self.facts.system.topics[index]
@@ -202,24 +202,24 @@ class RestModel(CaseModel):
         return found
 
 
-def read_rest(
+def read_rest_problem(
     flat: System, name: str, keeps: Mapping[str, Sequence[str]] = MappingProxyType({})
 ) -> RestProblem:
-    """The problem of the module called `name`; `keeps`: the range of each float that SC keeps.
+    """Reads the problem of the module called `name`; `keeps`: ranges of the floats SC keeps.
 
-    DiffersError where it is none with `rest`, NotRecheckedError where it is not understood,
-    RejectedError where SC keeps others, or begins elsewhere.
+    DiffersError where it has no `rest`, NotRecheckedError where we do not understand it,
+    RejectedError where SC keeps other floats, or begins outside of their ranges.
     """
     facts = read_facts(flat, name)
     facts.local_ranges = _local_ranges(facts, keeps)
     rest = facts.symbol.rest
     if rest is None:
         raise DiffersError(f"`{name}` has no `rest`")
-    check_supported(facts, followed=True)
-    _require_covered(facts)
+    require_supported(facts, followed=True)
+    _require_covered_features(facts)
     _require_maps_in_safe_only(facts, rest)
     setting = facts.setting
-    if setting.first_available(0, setting.by_sc) != setting.sc.phase:
+    if setting.first_with_state(0, setting.by_sc) != setting.sc.phase:
         check_start_answers(facts)
     sets = _state_sets(facts)
     facts.extents = tuple((max(a, -LARGEST), min(b, LARGEST)) for a, b in sets.values())
@@ -231,7 +231,7 @@ def read_rest(
             raise NotRecheckedError(f"no topic that is read shows `{facts.states[s].name}`")
     _check_sc_reads(facts, {at[s][0] for s in states})
     drifts = _drift_ranges(facts, rest)
-    within = int(number_of(facts, rest.within))
+    within = int(const_value(facts, rest.within))
     leaves_of = {s: at[s] for s in states}
     maps = map_topics(facts)
     return RestProblem(
@@ -256,7 +256,7 @@ def _local_ranges(facts: Facts, keeps: Mapping[str, Sequence[str]]) -> Ranges:
             if not isinstance(of, FloatType):
                 found[v].append(None)
                 continue
-            low, high = (hexadecimal(x, name) for x in left.pop(name, ("", "")))
+            low, high = (number_from_hexadecimal(x, name) for x in left.pop(name, ("", "")))
             if not low <= first <= high:
                 raise RejectedError(f"`{name}` begins outside of its range")
             found[v].append((low, high))
@@ -266,15 +266,16 @@ def _local_ranges(facts: Facts, keeps: Mapping[str, Sequence[str]]) -> Ranges:
 
 
 def read_turns(problem: RestProblem, names: object) -> None:
-    """Enter the angles that need not come back; RejectedError where one may not be one.
+    """Enters the angles that need not come back; RejectedError where one may not be such an angle.
 
-    NotRecheckedError beside a rate that jumps. Each is taken to be within three times `THIRD`,
-    where every term is then read.
+    NotRecheckedError beside a rate that jumps. Each angle is taken to be within three times
+    `THIRD`, where every term is then read.
     """
-    facts, of = problem.facts, {problem.facts.states[s].name: s for s in problem.own}
-    if not isinstance(names, list) or not names or not of.keys() >= {*map(str, names)}:
+    facts = problem.facts
+    by_name = {facts.states[s].name: s for s in problem.returning_states}
+    if not isinstance(names, list) or not names or not by_name.keys() >= {*map(str, names)}:
         raise RejectedError("`wraps` names what is no angle without a set")
-    facts.turning = {of[n] for n in names}
+    facts.turning = {by_name[n] for n in names}
     if any(problem.sets[s] != (-inf, inf) for s in facts.turning):
         raise RejectedError("`wraps` names an angle whose topic has a set")
     facts.unbounded -= facts.turning
@@ -290,7 +291,7 @@ def read_turns(problem: RestProblem, names: object) -> None:
 
 
 def map_topics(facts: Facts) -> tuple[int, ...]:
-    """`static` topics that `safe` reads and neither a plant drives nor the module publishes."""
+    """The `static` topics that `safe` reads and that neither a plant nor the module publishes."""
     scope, driven = facts.module.scope.topics, driven_topics(facts)
     read = [scope[t] for t in topic_reads(facts.symbol.safe) if t.static]
     return tuple(i for i in read if i not in driven and i not in facts.module.outputs)
@@ -315,8 +316,8 @@ def _require_maps_in_safe_only(facts: Facts, rest: RestSymbol) -> None:
             raise NotRecheckedError(f"the map `{topic.name}` {reason}")
 
 
-def _require_covered(facts: Facts) -> None:
-    """NotRecheckedError for what the theorem (condition 8), or this folder, does not cover."""
+def _require_covered_features(facts: Facts) -> None:
+    """NotRecheckedError for a feature that condition 8 of the theorem, or our code, leaves out."""
     symbol = facts.symbol
     wrong = {
         "plants that move in steps": facts.kind != "flow",
@@ -334,16 +335,16 @@ def _require_covered(facts: Facts) -> None:
 def shield_constants(problem: RestProblem) -> dict[str, int] | None:
     """The constants of the module's shield, by the program; None where it has no shield.
 
-    NotRecheckedError, RejectedError where no argument for it is known here. `any_command_ns`: what
-    SC publishes passes once the next verdict is in force, Delta after the last good one at the
+    NotRecheckedError, RejectedError where we know no argument for it. `any_command_ns`: what SC
+    publishes passes once the next verdict is in force, Delta after the last good one at the
     earliest, and acts L_min later; the first output that is surely in time acts at H* - A.
     """
     facts = problem.facts
     if facts.symbol.shield is None:
         return None
-    setting, own = facts.setting, facts.own
+    setting, derived = facts.setting, facts.own
     cells, least = command_cells(facts), min(e.least for e in setting.effects)
-    any_command = own.h_star - own.age - setting.dm.period - least
+    any_command = derived.h_star - derived.age - setting.dm.period - least
     return {
         "cells": cells,
         "acted_ns": acted_ns(facts),
@@ -355,7 +356,7 @@ def shield_constants(problem: RestProblem) -> dict[str, int] | None:
 
 
 def states_shown(facts: Facts) -> dict[tuple[int, int], int]:
-    """(topic, leaf) -> the state that a plant publishes there, where it is just a state."""
+    """(topic, leaf) -> the state that a plant publishes there as it is."""
     found = {}
     for topic, (plant, expr) in driven_topics(facts).items():
         for k, (path, _) in enumerate(leaves(facts.system.topics[topic].type)):
@@ -379,7 +380,7 @@ def _state_sets(facts: Facts) -> dict[int, Range]:
             low, high = ranges[s]
             error = exact(errors.get((topic, k), 0.0))
             least, most = exact(float(bound.low)) + error, exact(float(bound.high)) - error
-            ranges[s] = max(low, above(least)), min(high, below(most))
+            ranges[s] = max(low, upper(least)), min(high, lower(most))
     return ranges
 
 
@@ -390,30 +391,30 @@ def _followed_states(facts: Facts, rest: RestSymbol) -> tuple[int, ...]:
     """
     model = RestModel(facts, (), facts.extents, far=False)
     terms, states = model.new_terms()
-    asked: list[Linear | Proposition] = list(model.commands(terms, states))
-    conditions = constraint(model, terms, states)
+    asked: list[Linear | Proposition] = list(model.sc_commands(terms, states))
+    conditions = state_constraint(model, terms, states)
     asked += [conditions, model.predicate(terms, states, rest.condition, errors=False)]
     rates, _ = model.rates(terms, states, control_inputs(facts, terms))
     asked += terms.obligations
     atoms = {x.atom: i for i, x in enumerate(states)}
 
-    def read(roots: Iterable[Linear | Proposition]) -> set[int]:
-        return {atoms[a] for a in inputs_of(terms, list(roots)) if a in atoms}
+    def states_under(roots: Iterable[Linear | Proposition]) -> set[int]:
+        return {atoms[a] for a in input_atoms(terms, list(roots)) if a in atoms}
 
     found: set[int] = set()
-    new = read(asked)
+    new = states_under(asked)
     while new - found:
         found |= new
-        new = read(rates[s] for s in found)
+        new = states_under(rates[s] for s in found)
     left = {i: x for i, x in enumerate(states) if i not in found}
     for i in left:
-        if degree(terms, rates[i], {x.atom for x in left.values()}) > 1:
+        if growth_degree(terms, rates[i], {x.atom for x in left.values()}) > 1:
             raise NotRecheckedError(f"`{facts.states[i].name}` is not followed, and may end")
     return tuple(sorted(found))
 
 
 def cut_point(low: arb, high: arb) -> arb:
-    """The middle; of a range without an end a number between the magnitudes of its ends."""
+    """The middle of a range; of a very long one a number between the magnitudes of its ends."""
     far, near = abs(low).max(abs(high)), abs(low).min(abs(high)).max(ONE)
     if far < LARGEST / 2**60 and far < near * 2**20:
         return ((low + high) * HALF).mid()
@@ -424,9 +425,9 @@ def cut_point(low: arb, high: arb) -> arb:
 
 
 def may_be_anywhere(problem: RestProblem, states: AbstractSet[int]) -> bool:
-    """Whether `rest` reads none of these states, nor one of their rates, so that none may end.
+    """Whether `rest`, and these states' rates, read none of these states, so that none may end.
 
-    Their rates read no other state either that is not followed.
+    Nor do these rates read another state that is not followed.
     """
     facts = problem.facts
     model = RestModel(facts, (), facts.extents, far=False)
@@ -435,23 +436,23 @@ def may_be_anywhere(problem: RestProblem, states: AbstractSet[int]) -> bool:
     bounded = {every[s].atom for s in problem.followed if s not in states}
     atoms = {x.atom for x in every}
     of_rest = model.predicate(terms, every, problem.rest.condition, errors=False)
-    read = {*inputs_of(terms, [of_rest, *(rates[s] for s in states)])} & atoms
+    read = {*input_atoms(terms, [of_rest, *(rates[s] for s in states)])} & atoms
     return read <= bounded
 
 
-def constraint(model: CaseModel, terms: Terms, states: Sequence[Linear]) -> Proposition:
+def state_constraint(model: CaseModel, terms: Terms, states: Sequence[Linear]) -> Proposition:
     """The proposition C: `safe` holds, and what plants publish lies in its declared set.
 
-    What must be true so that it is defined is entered in `terms.obligations`.
+    Its obligations, without which it is not defined, are entered in `terms`.
     """
     held = model.predicate(terms, states, model.facts.symbol.safe, errors=False)
     for topic in bounded_topics(model.facts):
-        held = both(held, model.in_set(terms, states, topic))
+        held = both(held, model.topic_in_set(terms, states, topic))
     return held
 
 
 def _estimate_leaves(facts: Facts) -> dict[int, tuple[int, int]]:
-    """State -> (topic, leaf) in which the DM sees it: one that SC reads too, where there is one."""
+    """State -> (topic, leaf) in which the DM sees it; a topic that SC reads goes first."""
     by_dm, by_sc = (set(of) for of in topics_read(facts))
     known = [(at, s) for at, s in states_shown(facts).items() if at[0] in by_dm]
     return {s: at for at, s in sorted(known, key=lambda of: of[0][0] in by_sc)}
@@ -460,7 +461,7 @@ def _estimate_leaves(facts: Facts) -> dict[int, tuple[int, int]]:
 def _check_sc_reads(facts: Facts, estimate: set[int]) -> None:
     """NotRecheckedError where SC sees a plant by a topic that the DM does not read: condition 2.
 
-    Also where two topics show SC one state, with an age and an error each.
+    So it is where two topics show SC one state, with an age and an error each.
     """
     _, by_sc = topics_read(facts)
     seen = [state for (topic, _), state in states_shown(facts).items() if topic in by_sc]
@@ -474,7 +475,7 @@ def _check_sc_reads(facts: Facts, estimate: set[int]) -> None:
 
 
 def _drift_ranges(facts: Facts, rest: RestSymbol) -> dict[int, Range]:
-    """State that `moves` names -> how far down and up it says that SC may move it."""
+    """State that `moves` names -> how far down and up SC may move it, by `moves`."""
     found, known = {}, states_shown(facts)
     for move in rest.moves:
         topic = facts.module.scope.topics[move.topic]
@@ -482,8 +483,7 @@ def _drift_ranges(facts: Facts, rest: RestSymbol) -> dict[int, Range]:
         state = known.get((topic, paths.index(move.path)))
         if state is None:
             raise NotRecheckedError(f"`{move.topic.name}` moves, and is no state")
-        by = float(number_of(facts, move.by) or 0.0)
-        if not 0.0 <= by < inf:
-            raise RejectedError(f"how far `{move.topic.name}` moves is no length")
+        by = float(const_value(facts, move.by) or 0.0)
+        assert 0.0 <= by < inf  # else V006
         found[state] = (inf if move.way == "up" else by, inf if move.way == "down" else by)
     return found

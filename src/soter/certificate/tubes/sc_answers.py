@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.certificate.extras.left_out_states import THIRD
-from soter.certificate.extras.sc_locals_and_modes import local_values
+from soter.certificate.extras.sc_locals_and_modes import combinations_of_locals
 from soter.certificate.reading.case_model import command_term, step_of_sc
 from soter.certificate.reading.module_facts import topics_read_by_sc
 from soter.certificate.reading.symbolic_values import value_of_leaves
@@ -26,10 +26,10 @@ if TYPE_CHECKING:
 
 
 def show_answers(problem: RestProblem) -> None:
-    """Show that SC faults on nothing that its topics may hold, and answers within its sets.
+    """Shows that SC faults on no values that its topics may hold, and answers within its sets.
 
-    What it keeps may be anything in its range, and stays there; what has no set may be anything up
-    to `LARGEST`. NotRecheckedError where that is not shown, and where SC reads what is no float.
+    Its locals may be anything in their ranges, and stay there; a leaf without a set is at most
+    `LARGEST`. NotRecheckedError where that is not shown, and where SC reads other types than float.
     """
     facts, terms, known = problem.facts, Terms(), {}
     shown = states_shown(facts)
@@ -40,14 +40,14 @@ def show_answers(problem: RestProblem) -> None:
             if not isinstance(of, FloatType):
                 raise NotRecheckedError(f"SC reads what is no float of `{topic.name}`")
             s = shown.get((index, k), -1)
-            most = 3 * THIRD + problem.error(s) if s in facts.turning else LARGEST
+            most = 3 * THIRD + problem.max_error(s) if s in facts.turning else LARGEST
             ends = (-most, most) if b is None else (b.low, b.high)
             parts.append(terms.add_input("box", topic.name, *map(exact, ends)))
         known[symbol] = value_of_leaves(topic.type, parts)
     assert facts.sc.node is not None
     step = step_of_sc(terms, facts.sc, known, {}, facts.local_ranges)
-    for own in local_values(terms, facts.sc.node.locals, facts.local_ranges):
-        published = step(own)
+    for values_of_locals in combinations_of_locals(terms, facts.sc.node.locals, facts.local_ranges):
+        published = step(values_of_locals)
         for control in facts.controls:
             command_term(terms, control, [published])
     if not all_certain(terms, terms.obligations):

@@ -38,7 +38,7 @@ from soter.certificate.grid.chain_form_layout import OpenedForm, absolute_sum
 from soter.certificate.grid.flow_chains import NOW, FlowChain
 from soter.certificate.grid.flow_enclosures import LocalFlow
 from soter.certificate.grid.sc_chains import uncrossed_ends
-from soter.certificate.reading.case_model import boxes_of
+from soter.certificate.reading.case_model import other_ends
 from soter.certificate.reading.symbolic_values import scalar_leaves, value_of_leaves
 from soter.certificate.terms.compile_terms import compile_truths, form_of_box
 from soter.certificate.terms.linear_enclosures import HALF, ONE, UNIT_ROUNDOFF, ZERO, exact
@@ -49,8 +49,8 @@ from soter.certificate.tubes.rest_problem import (
     NANOSECOND,
     UNKNOWN_END,
     RestModel,
-    constraint,
     cut_point,
+    state_constraint,
 )
 
 if TYPE_CHECKING:
@@ -71,6 +71,17 @@ if TYPE_CHECKING:
 
 COLUMNS = 40
 """How many unknowns a state set keeps as they are, at most."""
+CERTAINLY_FALSE = 1
+"""The bits of a proposition that is certainly false."""
+CUTS = 4
+"""How often a part of the window is halved."""
+FAR_CUTS, FAR = 8, arb(2) ** 64
+"""How often what M has beyond `FAR` is cut: a sum there rounds by more than the rest of it is."""
+PIECES = (1, 1, 2, 4, 8)
+"""Into how many steps a hold is cut, by how often its part of the window was."""
+FREE_PIECES = 4
+FINE = 1400
+"""Bits that tell a state beside `LARGEST`, which no state is beyond by assumption, from others."""
 
 
 class TubeFlow(LocalFlow):
@@ -78,7 +89,7 @@ class TubeFlow(LocalFlow):
 
     apart = True
 
-    def steps(self, span: Fraction) -> int:
+    def least_steps(self, span: Fraction) -> int:
         """Always 1: the tube says where a span is cut."""
         del span
         return 1
@@ -99,7 +110,7 @@ class StateSet:
 
     @classmethod
     def of_box(cls, box: Box) -> StateSet:
-        """All states of a box, whatever commands acted before."""
+        """The set of all states of a box, whatever commands acted before."""
         rows = []
         for i, (low, high) in enumerate(box):
             row = [(low + high) * HALF, *[ZERO] * len(box)]
@@ -109,7 +120,7 @@ class StateSet:
 
 
 class TubeChain(FlowChain):
-    """Makes the bodies of one tube; `NotCertainError` where a step finds no enclosure.
+    """Makes the state sets of one tube; `NotCertainError` where a step finds no enclosure.
 
     `messages`: for each state the topic by which SC sees it.
     """
@@ -129,8 +140,8 @@ class TubeChain(FlowChain):
 
     # ------------------------------------------------------------ steps
 
-    def hold(self, body: StateSet, pieces: int) -> tuple[StateSet, list[Box]]:
-        """Follow SC's next command until the one after it may act: the set then, and the boxes.
+    def follow_hold(self, body: StateSet, pieces: int) -> tuple[StateSet, list[Box]]:
+        """Follows SC's next command until the one after it may act: the set then, and the boxes.
 
         Where commands may act late the first box has all states in which this command begins to
         act. `pieces`: into how many steps the hold is cut.
@@ -138,36 +149,36 @@ class TubeChain(FlowChain):
         fresh = not body.memory and self.depth > 0
         start = self._opened_rows(body)
         new = self._answer_of_sc(start, fresh=fresh)
-        way, tube = self._follow(start, new, self.spans(pieces, fresh=fresh or not self.depth))
-        return self._closed_body(start, way, new), _boxes(tube, self.n)
+        way, tube = self._follow(start, new, self.steps(pieces, fresh=fresh or not self.depth))
+        return self._next_set(start, way, new), _split_into_boxes(tube, self.n)
 
-    def after_any_commands(self, body: StateSet, span: Fraction) -> tuple[StateSet, list[Box]]:
-        """Follow any commands for `span` s: the set then, and the boxes until then."""
+    def follow_any_commands(self, body: StateSet, span: Fraction) -> tuple[StateSet, list[Box]]:
+        """Follows any commands for `span` s: the set then, and the boxes until then."""
         start = self._opened_rows(StateSet(body.box, body.rows, [], []))
         way, tube = self._follow(start, self._any_commands(start), [(span, NOW)])
-        return self._closed_body(start, way, None), _boxes(tube, self.n)
+        return self._next_set(start, way, None), _split_into_boxes(tube, self.n)
 
     def at_some_instant(self, body: StateSet, span: Fraction) -> StateSet:
-        """All states at some instant of the next `span` s, under any commands."""
+        """The set of all states at some instant of the next `span` s, under any commands."""
         start = self._opened_rows(StateSet(body.box, body.rows, [], []))
         way = self._states_in_span(
             start, (NOW, span), self._any_commands(start), self.flow.ranges, []
         )
-        return self._closed_body(start, way, None)
+        return self._next_set(start, way, None)
 
     # ------------------------------------------------------------ what SC reads
 
     def _answer_of_sc(self, start: OpenedForm, *, fresh: bool) -> CommandRows:
-        """As of a chain, but what states of one message are off is known to be of one instant.
+        """As a `FlowChain` has it, but the states of one message are known to be of one instant.
 
         A read of t + m + h e, |e| <= 1, m the middle of its span, has h e (c + sum g_k e_k) of a
         rate c + sum g_k e_k. For each message e and the products e e_k are unknowns, each a number
         in [-1, 1], and the rows of z before the last errors are these sums, one for each state.
         """
         self._known = len(start.z[0]) - self.q
-        own = len(set(self._messages)) * self._known
+        added = len(set(self._messages)) * self._known
         for row in start.z:
-            row[self._known : self._known] = [ZERO] * own
+            row[self._known : self._known] = [ZERO] * added
         at = self.n + self.depth * self.q
         start.z[at:at] = [[ZERO] * len(start.z[0]) for _ in range(self.n)]
         self._reading = True
@@ -179,7 +190,7 @@ class TubeChain(FlowChain):
     def _integral_to_reads(self, local: Enclosure, begin: Fraction, end: Fraction) -> Rows:
         if not self._reading:
             return super()._integral_to_reads(local, begin, end)
-        rows = self.flow.integral_beyond_time(local, begin, end)  # type: ignore[union-attr]
+        rows = self.flow.integral_less_time(local, begin, end)  # type: ignore[union-attr]
         for i, row in enumerate(rows):
             row[i] += exact((begin + end) / 2)
         return rows
@@ -199,7 +210,7 @@ class TubeChain(FlowChain):
     # ------------------------------------------------------------ bodies
 
     def _opened_rows(self, body: StateSet) -> OpenedForm:
-        """The rows z of a step: states, old commands, the error of each new one's row, and 1."""
+        """The rows z of a step: states, old commands, errors of the rows of new ones, and 1."""
         count, any_before = self.depth * self.q, not body.memory
         known = len(body.rows[0])
         pad = max(0, 1 + self.n - known)
@@ -216,8 +227,8 @@ class TubeChain(FlowChain):
         z.append([ONE, *[ZERO] * (known + extra - 1)])
         return OpenedForm([*body.box, *ranges], z, [])
 
-    def _closed_body(self, start: OpenedForm, way: StateRows, new: CommandRows | None) -> StateSet:
-        """The body after a step; `new`: the command that acts now, None where any may."""
+    def _next_set(self, start: OpenedForm, way: StateRows, new: CommandRows | None) -> StateSet:
+        """The set after a step; `new`: the command that acts now, None where any may act."""
         rows = product(way.rows, start.z)
         memory, ranges = [], []
         if new is not None and self.depth:
@@ -230,18 +241,18 @@ class TubeChain(FlowChain):
         return StateSet(list(way.box), rows, memory, ranges)
 
     def _with_own_rest(self, row: list[Any], i: int, way: StateRows) -> list[Any]:
-        """A state's row, its rest a new unknown; if its range is half as wide, that alone."""
-        own = [ZERO] * self.n
-        own[i] = way.rest[i]
+        """A state's row and its rest as a new unknown; the range alone if it is half as wide."""
+        unknowns = [ZERO] * self.n
+        unknowns[i] = way.rest[i]
         low, high = way.box[i]
         half = (high - low) * HALF
         if half < HALF * (absolute_sum(row[1:]) + way.rest[i]):
-            own[i] = half
-            return [(low + high) * HALF, *[ZERO] * (len(row) - 1), *own]
-        return [*row, *own]
+            unknowns[i] = half
+            return [(low + high) * HALF, *[ZERO] * (len(row) - 1), *unknowns]
+        return [*row, *unknowns]
 
 
-def _boxes(tube: Sequence[float], n: int) -> list[Box]:
+def _split_into_boxes(tube: Sequence[float], n: int) -> list[Box]:
     ends = [(exact(a), exact(b)) for a, b in zip(tube[::2], tube[1::2], strict=True)]
     return [ends[k : k + n] for k in range(0, len(ends), n)]
 
@@ -252,10 +263,10 @@ def _unshared_size(column: list[float], whole: list[float]) -> float:
 
 
 def _own_unknown(i: int, rows: int, left: Sequence[Sequence[Any]]) -> list[Any]:
-    own = [ZERO] * (rows if left else 0)
+    factors = [ZERO] * (rows if left else 0)
     if left:
-        own[i] = absolute_sum([c[i] for c in left])
-    return own
+        factors[i] = absolute_sum([c[i] for c in left])
+    return factors
 
 
 def _with_fewer_unknowns(rows: Rows, memory: Rows) -> tuple[Rows, Rows]:
@@ -274,12 +285,8 @@ def _with_fewer_unknowns(rows: Rows, memory: Rows) -> tuple[Rows, Rows]:
     return made[: len(rows)], made[len(rows) :]
 
 
-CERTAINLY_FALSE = 1
-"""The bits of a proposition that is certainly false."""
-
-
 class ConditionOnBoxes:
-    """A condition (`said`) on true states, asked of boxes of `members`; other states: anywhere."""
+    """A condition on true states, asked of boxes of `members`; other states may be anywhere."""
 
     def __init__(
         self,
@@ -289,10 +296,10 @@ class ConditionOnBoxes:
     ) -> None:
         terms, states = model.new_terms()
         first = truth_of(terms, states)
-        own = [states[i].atom for i in members]
-        known = [(terms.atoms[a].low, terms.atoms[a].high) for a in own]
-        boxes = boxes_of(model, states, members)
-        self._truths = compile_truths(terms, own, [first, *terms.obligations], boxes)
+        atoms = [states[i].atom for i in members]
+        known = [(terms.atoms[a].low, terms.atoms[a].high) for a in atoms]
+        boxes = other_ends(model, states, members)
+        self._truths = compile_truths(terms, atoms, [first, *terms.obligations], boxes)
         self._ends = [
             ends if i in model.facts.unbounded | model.facts.turning else (exact(low), exact(high))
             for i, ends, (low, high) in zip(
@@ -300,15 +307,15 @@ class ConditionOnBoxes:
             )
         ]
 
-    def certain(self, box: Box) -> bool:
+    def is_certain(self, box: Box) -> bool:
         """Whether the condition certainly holds, and is defined, in all of a box."""
-        return self._within(box) and all(t == CERTAIN for t in self._truths_on(box))
+        return self._is_within(box) and all(t == CERTAIN for t in self._truths_on(box))
 
-    def certainly_false(self, box: Box) -> bool:
+    def is_certainly_false(self, box: Box) -> bool:
         """Whether the condition certainly holds in no state of a box."""
-        return self._within(box) and self._truths_on(box)[0] == CERTAINLY_FALSE
+        return self._is_within(box) and self._truths_on(box)[0] == CERTAINLY_FALSE
 
-    def _within(self, box: Box) -> bool:
+    def _is_within(self, box: Box) -> bool:
         pairs = zip(box, self._ends, strict=True)
         return all(low >= a and high <= b and low <= high for (low, high), (a, b) in pairs)
 
@@ -317,22 +324,11 @@ class ConditionOnBoxes:
         return found
 
 
-CUTS = 4
-"""How often a part of the window is halved."""
-FAR_CUTS, FAR = 8, arb(2) ** 64
-"""How often what M has beyond `FAR` is cut: a sum there rounds by more than the rest of it is."""
-PIECES = (1, 1, 2, 4, 8)
-"""Into how many steps a hold is cut, by how often its part of the window was."""
-FREE_PIECES = 4
-FINE = 1400
-"""Bits that tell a state beside `LARGEST`, which no state is beyond by assumption, from others."""
-
-
 class ModuleTube:
     """Follows SC of one module, whose problem was read, in tubes.
 
-    `ways`: Y, in which the states stay that `moves` does not name, once it rests. Where it has no
-    range for one of them nothing is known of that state at rest.
+    `ways`: Y, the ranges at rest of the states that `moves` does not name. Of a state without a
+    range nothing is known at rest.
     """
 
     def __init__(self, problem: RestProblem, ways: Mapping[int, Range]) -> None:
@@ -340,29 +336,29 @@ class ModuleTube:
         self.problem, self.ways = problem, dict.fromkeys(facts.turning, A_TURN) | dict(ways)
         model = RestModel(facts, (), facts.extents)
         self._seen: list[str] | None = None
-        self._set_constraint(problem.first_map)
+        self._set_constraint(problem.default_maps)
         self.rest = ConditionOnBoxes(
             model, members, lambda t, x: model.predicate(t, x, problem.rest.condition, errors=False)
         )
         flow = TubeFlow(model, members, uncrossed_ends(model, members))
-        self.chain = TubeChain(model, members, flow, problem.times.holds, problem.messages(members))
+        self.chain = TubeChain(model, members, flow, problem.times.chain, problem.messages(members))
 
     @property
     def reads(self) -> list[str]:
-        """The fields of an estimate, as `topic.field`, in the order of the states; then maps'."""
+        """The fields of an estimate, as `topic.field`: of the states in order, then of maps."""
         maps = [name for names in self.problem.map_leaves.values() for name in names]
-        return [*(self.problem.leaf(s) for s in self.problem.followed), *maps]
+        return [*(self.problem.field_read(s) for s in self.problem.followed), *maps]
 
     @property
     def judges_commands(self) -> bool:
         """Whether the DM judges commands, too: then it may accept what `why_not_good` refuses.
 
-        For that one every command has to be harmless until the next verdict is in force.
+        `why_not_good` demands that every command is harmless until the next verdict is in force.
         """
         return self.problem.facts.symbol.shield is not None
 
     def why_not_good(self, estimate: Mapping[str, float]) -> str | None:
-        """The reason why an estimate, a number for each of `reads`, may be bad; None if good."""
+        """Why an estimate, a number for each of `reads`, may be bad; None if it is good."""
         box, maps = [], {}
         for index, names in self.problem.map_leaves.items():
             numbers = [estimate[name] for name in names]
@@ -371,9 +367,10 @@ class ModuleTube:
             maps[index] = value_of_leaves(self.problem.facts.system.topics[index].type, numbers)
         self._set_constraint(maps)
         for s in self.problem.followed:
-            x, error = exact(estimate[self.problem.leaf(s)]), exact(self.problem.error(s))
+            x = exact(estimate[self.problem.field_read(s)])
+            error = exact(self.problem.max_error(s))
             if not x.is_finite():
-                return f"`{self.problem.leaf(s)}` is no number"
+                return f"`{self.problem.field_read(s)}` is no number"
             error += (abs(x) + error) * UNIT_ROUNDOFF * 2  # a sensor rounds the sum
             box.append((x - error, x + error))
         times = self.problem.times
@@ -383,37 +380,37 @@ class ModuleTube:
         """The reason why initial states may not be good, or None; until h_0 any command may act."""
         states, times = self.problem.facts.states, self.problem.times
         box = [(exact(states[s].low), exact(states[s].high)) for s in self.problem.followed]
-        self._set_constraint(self.problem.first_map)
+        self._set_constraint(self.problem.default_maps)
         return self.why_not_settled(box, times.start_alpha, times.start)
 
     def _set_constraint(self, maps: Mapping[int, Value]) -> None:
-        """Make `constraint` the C of these maps, where it is not so already."""
+        """Makes `constraint` the C of these maps, where it is not so already."""
         seen = [x.hex() for of in maps.values() for x in scalar_leaves(of)]
         if seen != self._seen:
             model = RestModel(self.problem.facts, (), self.problem.facts.extents, known=maps)
             self._seen = seen
             self.constraint = ConditionOnBoxes(
-                model, self.problem.followed, lambda t, x: constraint(model, t, x)
+                model, self.problem.followed, lambda t, x: state_constraint(model, t, x)
             )
 
     # ------------------------------------------------------------ tubes
 
     def why_not_settled(self, box: Box, earliest: int, latest: int) -> str | None:
-        """The reason why SC, acting first in [earliest, latest] ns, may not rest from `box`."""
+        """Why SC, acting first in [earliest, latest] ns, may not rest from `box`; None: it does."""
         if not self.is_within_c(box):
             return "C is not certain of the estimate itself"
         body, step = StateSet.of_box(box), earliest * NANOSECOND / FREE_PIECES
         try:
             for _ in range(FREE_PIECES if earliest else 0):
-                body, boxes = self.chain.after_any_commands(body, step)
+                body, boxes = self.chain.follow_any_commands(body, step)
                 if not self.are_within_c(boxes):
                     return "any command may lead out of C before SC acts"
         except NotCertainError:
             return "where any command leads before SC acts is not known"
-        return self._window(body, (latest - earliest) * NANOSECOND, 0)
+        return self._why_not(body, (latest - earliest) * NANOSECOND, 0)
 
-    def _window(self, body: StateSet, span: Fraction, cut: int) -> str | None:
-        """As `why_not_settled`: from `body` an output of SC begins to act in the next `span` s."""
+    def _why_not(self, body: StateSet, span: Fraction, cut: int) -> str | None:
+        """Why SC may not rest if an output begins to act in the next `span` s; None: it does."""
         try:
             inside = self.chain.at_some_instant(body, span) if span else body
             why = None
@@ -423,21 +420,23 @@ class ModuleTube:
             if why is None or cut == CUTS:
                 return why
             if not span:
-                return self._window(body, span, cut + 1)
-            middle, _ = self.chain.after_any_commands(body, span / 2)
-            return self._window(body, span / 2, cut + 1) or self._window(middle, span / 2, cut + 1)
+                return self._why_not(body, span, cut + 1)
+            middle, _ = self.chain.follow_any_commands(body, span / 2)
+            return self._why_not(body, span / 2, cut + 1) or self._why_not(
+                middle, span / 2, cut + 1
+            )
         except NotCertainError:
             return "a tube has no end"
 
     def why_not_settled_at(self, body: StateSet, pieces: int, used: int = 0) -> str | None:
-        """As `why_not_settled`, where output `used` of SC begins to act in the states of `body`."""
+        """Why SC may not rest if output `used` begins to act in the states of `body`, or None."""
         if self.is_settled(body.box):
             return None
         late = bool(self.chain.span)
         for n in range(self.problem.times.switches + 1 - used):
             if n and not late and self.is_settled(body.box):
                 return None
-            body, boxes = self.chain.hold(body, pieces)
+            body, boxes = self.chain.follow_hold(body, pieces)
             if n and late:  # the first box has all states in which this output begins to act
                 first, *boxes = boxes
                 if self.is_within_c(first) and self.is_settled(first):
@@ -450,7 +449,7 @@ class ModuleTube:
     def is_within_c(self, box: Box) -> bool:
         """Whether all of a box is certainly in C, and no end of it is beyond `UNKNOWN_END`."""
         near = all(low >= -UNKNOWN_END and high <= UNKNOWN_END for low, high in box)
-        return near and self.constraint.certain(box)
+        return near and self.constraint.is_certain(box)
 
     def are_within_c(self, boxes: Sequence[Box]) -> bool:
         """Whether all these boxes are certainly in C; one around them is asked first (cheaper)."""
@@ -459,8 +458,8 @@ class ModuleTube:
         return self.is_within_c(around) or (len(boxes) > 1 and all(map(self.is_within_c, boxes)))
 
     def is_settled(self, box: Box) -> bool:
-        """Whether all of a box is in Q, and all that SC may move it to from there (M) in C."""
-        if not self.rest.certain(box):
+        """Whether all of a box is in Q, and all that SC may move it to from there (M) is in C."""
+        if not self.rest.is_certain(box):
             return False
         moved, endless = [], False
         for s, (low, high) in zip(self.problem.followed, box, strict=True):
@@ -489,7 +488,7 @@ class ModuleTube:
 
     def _is_certain_far_out(self, box: Box, cuts: int) -> bool:
         """Whether C is certain of a box, or of all its parts, cut where it is far out."""
-        if self.constraint.certain(box):
+        if self.constraint.is_certain(box):
             return True
         axis = max(range(len(box)), key=lambda i: (box[i][1] - box[i][0]).mid())
         low, high = box[axis]

@@ -207,7 +207,7 @@ class PythonExtern:
             self._stop.in_extern = False
 
     def reset(self, seed: int) -> None:
-        """Resets the object if it has `reset`; raises the errors of `step`."""
+        """Resets the object if it has `reset`; raises ExternEscapeError as `step` does."""
         start = getattr(self._target, "reset", None)
         if not callable(start):
             return

@@ -155,7 +155,7 @@ def _certified_sets_of_group(
     if entry["kind"] != "grid" or [a["state"] for a in entry["axes"]] != names:
         return None
     try:
-        edges = [certificate.edges(a["edges"]) for a in entry["axes"]]
+        edges = [certificate.breakpoints(a["edges"]) for a in entry["axes"]]
         if edges != [tuple(a.edges) for a in group.axes]:
             return None
         return pair_in_certificate(certificate, group, entry)

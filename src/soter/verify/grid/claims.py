@@ -473,7 +473,7 @@ def pair_in_certificate(
     if not levels:
         return None
     shape = tuple(len(a.edges) - 1 for a in group.axes)
-    outer, inner = (certificate.bits(levels[k], shape) for k in (0, -1))
+    outer, inner = (certificate.set_of_cells(levels[k], shape) for k in (0, -1))
     return Estimates(outer, inner)
 
 

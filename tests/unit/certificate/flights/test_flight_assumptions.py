@@ -79,7 +79,7 @@ class Log:
             if time_ns in self.verdicts:
                 assumed.note_verdict(time_ns, module, is_ac=self.verdicts[time_ns])
             assumed.end_instant(time_ns)
-        assumed.end(self.last_ns)
+        assumed.end_log(self.last_ns)
         return [(d.time_ns // MS, d.reason) for d in assumed.doubts]
 
 
@@ -201,8 +201,14 @@ def test_reads_of_one_verdict_are_no_further_apart_than_they_may_be(system: str,
     flat = flat_of(system)
     assumed = LoggedAssumptions(flat, list(flat.modules))
     for apart, doubts in ((most, 0), (most + 1, 1)):
-        assert len(list(assumed.apart({"pos": 40 * MS, "vel": 40 * MS + apart}))) == doubts
-        assert len(list(assumed.apart({"pos": 40 * MS + apart, "vel": 40 * MS}))) == doubts
+        assert (
+            len(list(assumed.why_not_one_instant({"pos": 40 * MS, "vel": 40 * MS + apart})))
+            == doubts
+        )
+        assert (
+            len(list(assumed.why_not_one_instant({"pos": 40 * MS + apart, "vel": 40 * MS})))
+            == doubts
+        )
 
 
 def test_a_sensor_of_the_world_may_come_as_seldom_as_it_says() -> None:

@@ -46,7 +46,7 @@ def train(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def report_of(folder: Path, log: Path, workers: int = 1) -> FlightReport:
     flights = open_flights(folder, [str(log)])
     assert flights is not None
-    (report,) = flights.check(workers)
+    (report,) = flights.judge_logs(workers)
     return report
 
 
@@ -469,7 +469,7 @@ def test_the_share_that_is_done_is_that_of_verdicts(train: Path, tmp_path: Path)
     assert flights is not None
     shares: list[float] = []
     with telling_shares(shares.append):
-        list(flights.check(1))
+        list(flights.judge_logs(1))
     assert shares == [(k + 1) / 8 for k in range(8)]
 
 

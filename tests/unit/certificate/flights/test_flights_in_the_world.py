@@ -8,7 +8,7 @@ import pytest
 
 from soter.certificate.extras import flight_check
 from soter.certificate.extras.flight_check import open_flights
-from soter.certificate.reading.folder import program_of, read_certificate
+from soter.certificate.reading.folder import read_certificate, read_program
 from unit.certificate.flights.logged_flights import (
     MS,
     TEXT,
@@ -34,7 +34,7 @@ def _no_tube(monkeypatch: pytest.MonkeyPatch) -> None:
 def report_of(proof: Path, log: Path) -> FlightReport:
     flights = open_flights(proof, [str(log)])
     assert flights is not None
-    (report,) = flights.check(1)
+    (report,) = flights.judge_logs(1)
     return report
 
 
@@ -48,7 +48,7 @@ def test_a_step_that_took_as_long_as_it_may_is_confirmed(tmp_path: Path) -> None
     text = TEXT.replace("within 5s;\n", times, 1)
     assert text != TEXT
     slow = certificate(tmp_path / "cert", text)
-    program = program_of(read_certificate(slow))[0].program
+    program = read_program(read_certificate(slow))[0].program
     assert program is not None
     for look, reason in (
         ((2_000, 5_000), ""),
@@ -102,7 +102,7 @@ def test_a_sensor_of_a_system_in_the_world_is_read_as_it_has_come(
 ) -> None:
     """Its stamp says when it was measured; the certificate is about the system with plants."""
     proof = certificate(tmp_path / "cert", TEXT + WORLD)
-    program = program_of(read_certificate(proof))[0].program
+    program = read_program(read_certificate(proof))[0].program
     assert program is not None
     flight = Flight()
     flight.header.update(program_sha256=program.sha256, system="World")

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 @pytest.fixture
 def train(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A certificate whose claims are taken for shown, and a tube that asks for little."""
-    monkeypatch.setattr(check_rest, "_ways_to_show", lambda *_: ())
+    monkeypatch.setattr(check_rest, "_functions_that_show", lambda *_: ())
     monkeypatch.setattr(flight_check, "tube_of_entry", lambda *_: Standstill())
     return certificate(tmp_path / "cert")
 
@@ -112,14 +112,14 @@ def test_one_that_is_interrupted_is_130_and_told_up_to_there(
 ) -> None:
     """Whatever was asked until then; where something is contradicted that stays so."""
     monkeypatch.setattr("os.cpu_count", lambda: workers)
-    answers = flight_check.Flights._answers
+    answers = flight_check.Flights._judged_verdicts
 
     def two(*arguments: Any) -> Iterator[Any]:
         with closing(answers(*arguments)) as every:
             yield from itertools.islice(every, 2)
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(flight_check.Flights, "_answers", two)
+    monkeypatch.setattr(flight_check.Flights, "_judged_verdicts", two)
     flight = Flight("AAAA")
     if wrong:
         flight.read(0)["age_ns"] = 10**10

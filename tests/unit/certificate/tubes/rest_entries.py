@@ -10,7 +10,7 @@ from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 from soter.certificate.reading.module_times import TIME_KEYS
-from soter.certificate.tubes.rest_problem import read_rest, shield_constants
+from soter.certificate.tubes.rest_problem import read_rest_problem, shield_constants
 from soter.language.front_end import check_file, system_to_prove
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def entry(
     keeps: dict[str, list[str]] | None = None,
 ) -> dict[str, Any]:
     """Of its only module, with B and Y by names of states; `keeps`: ranges of what SC keeps."""
-    problem = read_rest(flat, flat.modules[0].name, keeps or {})
+    problem = read_rest_problem(flat, flat.modules[0].name, keeps or {})
     facts, names = problem.facts, [s.name for s in problem.facts.states]
     judged = shield_constants(problem)
     inputs = (*facts.controls, *facts.disturbances, *facts.errors, *facts.others)
@@ -56,12 +56,12 @@ def entry(
             "alpha_ns": problem.times.alpha,
             "switches": problem.times.switches,
             "reads": {
-                problem.leaf(s): {"state": names[s], "within": problem.error(s).hex()}
+                problem.field_read(s): {"state": names[s], "within": problem.max_error(s).hex()}
                 for s in problem.followed
             },
             "moves": {
                 names[s]: [x.hex() if isfinite(x) else None for x in problem.drifts[s]]
-                for s in problem.moving
+                for s in problem.moving_states
             },
             "box": {n: [x.hex() for x in ends] for n, ends in box.items()},
             "ways": {n: [x.hex() for x in ends] for n, ends in ways.items()},

@@ -14,7 +14,7 @@ import pytest
 
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.linear_enclosures import ZERO, exact
-from soter.certificate.tubes.rest_problem import read_rest
+from soter.certificate.tubes.rest_problem import read_rest_problem
 from soter.certificate.tubes.tube_chains import ModuleTube, StateSet
 from unit.certificate.tubes.rest_entries import flat_of
 
@@ -91,7 +91,7 @@ def test_holds_carry_states_and_commands_of_every_run(age: int, jitter: int) -> 
     """In each direction of states and the last command a run is within what rows say of both."""
     late = f"acts within 0ms to {jitter}ms;" if jitter else ""
     flat = flat_of(ROBOT.replace("AGE", f"{age}ms").replace("JITTER", late))
-    problem = read_rest(flat, "Robot")
+    problem = read_rest_problem(flat, "Robot")
     problem.facts.times["d_ns"] = age * 1_000_000
     chain, times = ModuleTube(problem, {}).chain, problem.times
     step_ns = 500_000
@@ -108,7 +108,7 @@ def test_holds_carry_states_and_commands_of_every_run(age: int, jitter: int) -> 
             body.ranges = [(exact(u), exact(u)) for u in held * chain.depth]
         bodies = []
         for _ in range(4):
-            body, _ = chain.hold(body, 2)
+            body, _ = chain.follow_hold(body, 2)
             bodies.append(body)
         for _ in range(40):
             start = [m + rng.choice((-size, size)) for m in middle]
@@ -185,14 +185,14 @@ system S default { p: P; module M; until 1s; }
 @pytest.mark.parametrize("earlier", [-1.0, 0.0])
 def test_a_command_before_the_last_moves_what_it_feeds_at_once(age: int, earlier: float) -> None:
     """y' = v + 0.05 a and v' = a: at mid span the two cancel, so nothing of a is seen there."""
-    problem = read_rest(flat_of(FED), "M")
+    problem = read_rest_problem(flat_of(FED), "M")
     problem.facts.times["d_ns"] = age * 1_000_000
     chain = ModuleTube(problem, {}).chain
     body = StateSet.of_box([(exact(x), exact(x)) for x in (-0.5, 0.0, 0.0)])
     acted = [1.0, 0.0] + [earlier, 0.0] * (chain.depth - 1)
     body.memory = [[exact(u), ZERO, ZERO, ZERO] for u in acted]
     body.ranges = [(exact(u), exact(u)) for u in acted]
-    after, _ = chain.hold(body, 1)
+    after, _ = chain.follow_hold(body, 1)
     (low, high), was, last = after.ranges[1], min(age, 50) * 1e-3, age * 1e-3
     turned = -0.5 - was  # v when the last command began
     y = -(-0.5 * was - was * was / 2 + 0.05 * was)
@@ -209,4 +209,4 @@ def test_a_state_that_two_topics_show_sc_is_not_one_number() -> None:
     twice = twice.replace("abs(seen.v) < 20.0", "abs(again.v) < 20.0")
     twice = twice.replace("-4.0 * seen.v", "-4.0 * (seen.v - again.v)")
     with pytest.raises(NotRecheckedError, match=r"sees `p\.v` twice"):
-        read_rest(flat_of(twice), "M")
+        read_rest_problem(flat_of(twice), "M")

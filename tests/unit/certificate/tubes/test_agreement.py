@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from long_tests import examples, seed_of
-from soter.certificate.tubes.rest_problem import read_rest
+from soter.certificate.tubes.rest_problem import read_rest_problem
 from soter.certificate.tubes.tube_chains import ModuleTube
 from soter.language.front_end import check_file, system_to_prove
 from soter.verify.deploy.missing_predicates import rest_claims
@@ -61,7 +61,7 @@ class Subject:
             ways = {names[s]: (r.low, r.high) for s, r in found.items()}
         of = {names.index(n): type(problem.states[0])(*r) for n, r in ways.items()}
         self.caller = Caller(check.text_in_flight(of))
-        own = read_rest(flat, module.name)
+        own = read_rest_problem(flat, module.name)
         states = [s.name for s in own.facts.states]
         self.arb = ModuleTube(own, {states.index(n): r for n, r in ways.items()})
         self.ranges = [problem.states[s] for s in check.states]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 from flint import arb
 
-from soter.certificate.tubes.rest_problem import read_rest
+from soter.certificate.tubes.rest_problem import read_rest_problem
 from soter.certificate.tubes.tube_chains import ModuleTube
 from soter.language.front_end import check_file, system_to_prove
 
@@ -27,7 +27,7 @@ def flat(text: str) -> System:
 
 def follower(text: str) -> ModuleTube:
     system = flat(text)
-    problem = read_rest(system, system.modules[0].name)
+    problem = read_rest_problem(system, system.modules[0].name)
     names = [s.name for s in problem.facts.states]
     return ModuleTube(problem, {names.index(n): ends for n, ends in WAYS.items()})
 
@@ -74,7 +74,7 @@ def test_an_output_of_sc_acts_no_earlier_than_it_takes_at_least(verify: str, alp
     text = FOLLOW.read_text(encoding="utf-8")
     text = text.replace("within 5s;\n", f"within 5s;\n  verify {{ {verify} }}\n")
     system = flat(text)
-    assert read_rest(system, system.modules[0].name).times.alpha == alpha * 1_000_000
+    assert read_rest_problem(system, system.modules[0].name).times.alpha == alpha * 1_000_000
 
 
 def test_boxes_stay_if_each_does_where_one_around_them_does_not() -> None:

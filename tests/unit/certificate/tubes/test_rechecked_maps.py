@@ -11,7 +11,7 @@ import pytest
 from soter.api import Program
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.tubes.check_rest import recheck_rest
-from soter.certificate.tubes.rest_problem import read_rest
+from soter.certificate.tubes.rest_problem import read_rest_problem
 from soter.certificate.tubes.tube_chains import ModuleTube
 from soter.cli.main import main
 from unit.certificate.tubes import rest_entries
@@ -25,7 +25,7 @@ BOX, WAYS = {"t.v": (-0.35, 0.35)}, {"t.v": (-0.4, 0.4)}
 
 def tube_of(text: str) -> ModuleTube:
     flat = rest_entries.flat_of(text)
-    problem = read_rest(flat, "Stop")
+    problem = read_rest_problem(flat, "Stop")
     return ModuleTube(problem, {1: WAYS["t.v"]})
 
 
@@ -79,7 +79,7 @@ REFUSED = {
 @pytest.mark.parametrize("why", REFUSED)
 def test_what_is_no_map_is_not_rechecked(why: str) -> None:
     with pytest.raises(NotRecheckedError, match=why):
-        read_rest(rest_entries.flat_of(changed(BEFORE_A_WALL, *REFUSED[why])), "Stop")
+        read_rest_problem(rest_entries.flat_of(changed(BEFORE_A_WALL, *REFUSED[why])), "Stop")
 
 
 def test_every_verdict_of_a_flight_is_confirmed_with_its_map(

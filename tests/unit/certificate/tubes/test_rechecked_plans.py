@@ -165,7 +165,7 @@ def rewritten(log: Path, other: Path, change: Callable[[list[dict[str, Any]]], N
 def kinds(certificate: Path, log: Path) -> set[tuple[int, str]]:
     flights = open_flights(certificate, [str(log)])
     assert flights is not None
-    (report,) = flights.check(workers=1)
+    (report,) = flights.judge_logs(workers=1)
     assert report.verdicts > 0
     return {(d.time_ns, d.kind) for d in report.doubts}
 

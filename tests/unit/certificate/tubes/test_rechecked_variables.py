@@ -8,7 +8,7 @@ import pytest
 
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.tubes.check_rest import recheck_rest
-from soter.certificate.tubes.rest_problem import read_rest
+from soter.certificate.tubes.rest_problem import read_rest_problem
 from unit.certificate.tubes.rest_entries import entry, flat_of
 from unit.verify.tubes.test_variables_of_sc import FLOAT, INTEGRAL, KEPT, PHASE, WRONG, keeping
 
@@ -108,7 +108,7 @@ def test_what_is_wrong_of_what_sc_keeps_is_not_confirmed(name: str) -> None:
 
 def test_a_kept_float_without_a_range_is_not_read() -> None:
     with pytest.raises(RejectedError):
-        read_rest(flat_of(keeping(FLOAT, INTEGRAL, "i")), "Held")
+        read_rest_problem(flat_of(keeping(FLOAT, INTEGRAL, "i")), "Held")
 
 
 def test_a_takeover_that_may_fault_is_not_confirmed_of_an_sc_that_keeps_nothing() -> None:

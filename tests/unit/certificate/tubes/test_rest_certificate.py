@@ -7,7 +7,7 @@ import json
 from typing import TYPE_CHECKING, Any
 
 from json_documents import problems_of
-from soter.certificate.reading.folder import canonical
+from soter.certificate.reading.folder import canonical_json
 from soter.cli.main import main
 from unit.certificate.tubes.rest_entries import entry, flat_of
 from unit.certificate.tubes.test_forged_rest import PLAIN
@@ -60,6 +60,6 @@ def test_it_is_accepted_and_decided_in_flight(
 
 
 def resealed(folder: Path, manifest: dict[str, Any]) -> None:
-    raw = canonical(manifest)
+    raw = canonical_json(manifest)
     (folder / "manifest.json").write_bytes(raw)
     (folder / "SEAL").write_text(hashlib.sha256(raw).hexdigest() + "\n", encoding="utf-8")

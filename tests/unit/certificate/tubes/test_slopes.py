@@ -10,7 +10,7 @@ from flint import arb
 
 from soter.certificate.terms.linear_enclosures import HALF, ONE, ZERO, exact
 from soter.certificate.terms.terms import Terms
-from soter.certificate.tubes.rest_claims import NoSlopeError, slope
+from soter.certificate.tubes.rest_claims import NoSlopeError, slopes_in_input
 from tables import all_rows
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ def over(name: str, low: float, high: float) -> arb:
     terms = Terms()
     x = terms.add_input("state", "x", exact(low), exact(high))
     more = [terms.constant(2.5)] if name == "pow" else []
-    return slope(terms, terms.apply_function(name, x, *more), x.atom)
+    return slopes_in_input(terms, terms.apply_function(name, x, *more), x.atom)
 
 
 @all_rows("name", FUNCTIONS)
@@ -70,7 +70,7 @@ def test_what_jumps_has_none() -> None:
     x: Linear = terms.add_input("state", "x", exact(-1.0), exact(1.0))
     jump = terms.choose(terms.below_zero(x), terms.constant(0.0), terms.constant(1.0))
     with pytest.raises(NoSlopeError):
-        slope(terms, jump, x.atom)
+        slopes_in_input(terms, jump, x.atom)
 
 
 @all_rows("kind", ["minimum", "maximum"])
@@ -82,7 +82,7 @@ def test_a_slope_of_an_extreme_is_that_of_what_it_is(kind: str) -> None:
         level = terms.constant((low - 0.5, low + 0.5, low + 1.5)[k % 3])
         other = terms.combine(((exact(draw.uniform(-3.0, 3.0)), x),))
         pair = (x, level) if k % 2 else (level, other)
-        found = slope(terms, getattr(terms, kind)(*pair, tight=True), x.atom)
+        found = slopes_in_input(terms, getattr(terms, kind)(*pair, tight=True), x.atom)
         f = arb.min if kind == "minimum" else arb.max
         factor, at = (ONE, level.const) if k % 2 else (other.terms.get(x.atom, ZERO), level.const)
         for _ in range(5):

@@ -9,7 +9,7 @@ import pytest
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.tubes.check_rest import recheck_rest
 from soter.certificate.tubes.rest_claims import show_rule_2
-from soter.certificate.tubes.rest_problem import read_rest
+from soter.certificate.tubes.rest_problem import read_rest_problem
 from tables import all_rows
 from unit.certificate.tubes.rest_entries import flat_of
 from unit.certificate.tubes.test_forged_rest import BOX, HELD, PLAIN, TRAIN, WAYS, changed, held
@@ -40,7 +40,7 @@ RATE = "der v = push + wind;"
 def test_what_is_followed_is_seen_and_goes_on(pairs: tuple[tuple[str, str], ...], why: str) -> None:
     flat = flat_of(changed(HELD, *pairs))
     with pytest.raises(NotRecheckedError, match=why) if why else nullcontext():
-        read_rest(flat, "Held")
+        read_rest_problem(flat, "Held")
 
 
 @all_rows(("of", "value", "refused"), [("float", "1.0", False), ("bool", "true", True)])
@@ -72,7 +72,7 @@ WITHIN = "der gap = front - v", "der gap = front - v * sqrt(v + 1.0)"
 def test_how_far_sc_moves_is_shown_where_it_answers_and_the_plant_goes_on(
     text: str, change: tuple[str, str], why: str
 ) -> None:
-    problem = read_rest(flat_of(changed(text, change)), "Follow")
-    (v,) = problem.own
+    problem = read_rest_problem(flat_of(changed(text, change)), "Follow")
+    (v,) = problem.returning_states
     with pytest.raises(NotRecheckedError, match=why) if why else nullcontext():
         show_rule_2(problem, {v: BOX["r.v"]}, {v: WAYS["r.v"]})

@@ -79,10 +79,10 @@ def test_what_is_beyond_the_rechecker_is_said_by_verify(name: str, tmp_path: Pat
 
 STAGES = {
     "read_times": ("soter.certificate.reading.problem", "a grid"),
-    "check_supported": ("soter.certificate.rechecker", "a grid"),
+    "require_supported": ("soter.certificate.rechecker", "a grid"),
     "sc_chain": ("soter.certificate.grid.group_claims", "a grid"),
-    "free_phase": ("soter.certificate.grid.group_claims", "computed"),
-    "require_all_rates": ("soter.certificate.case_check", "a grid"),
+    "phase_steps": ("soter.certificate.grid.group_claims", "computed"),
+    "require_rates": ("soter.certificate.case_check", "a grid"),
     "axes_seen_by_dm": ("soter.certificate.extras.estimates_and_shield", "computed"),
     "_require_affordable": ("soter.certificate.induction.check_claims", "an induction"),
     "_check_times": ("soter.certificate.induction.induction_problem", "an induction"),

@@ -166,7 +166,7 @@ def unshown(source: str, marked: Bools, c: Bools, folder: Path) -> Iterator[Bloc
     )
     group = Axes((0, 1), Grid(edges))
     model = CaseModel(facts, (), tuple(facts.axes[k] for k in (0, 1)))
-    return resting_cells_unshown(model, group, marked, Cells(group.grid, c))(group.grid.whole)
+    return resting_cells_unshown(model, group, marked, Cells(group.grid, c))(group.grid.all_cells)
 
 
 def shown(source: str, marked: Bools, folder: Path) -> bool:

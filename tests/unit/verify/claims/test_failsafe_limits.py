@@ -10,7 +10,7 @@ import pytest
 
 import soter
 from soter.api import recheck
-from soter.certificate.extras.failsafe_law import law_problem
+from soter.certificate.extras.failsafe_law import make_law_problem
 from soter.certificate.reading.module_facts import DiffersError
 from soter.language.front_end import check_file, system_of
 from soter.verify.problem import extract as extracting
@@ -139,7 +139,7 @@ def test_a_law_is_about_the_same_states_and_acts_itself(
     (tmp_path / "stop.soter").write_text(text)
     facts = small_proofs.facts_of(tmp_path / "stop.soter", "Track", "Guard")
     with pytest.raises(DiffersError, match=why) if why else nullcontext():
-        law_problem(facts)
+        make_law_problem(facts)
 
 
 def test_two_problems_with_other_laws_are_not_the_same(tmp_path: Path) -> None:

@@ -26,7 +26,7 @@ from generators.mode_reading_modules import (
 from soter.api import load
 from soter.certificate.extras import sc_locals_and_modes
 from soter.certificate.reading.case_model import CaseModel
-from soter.certificate.reading.supported_constructs import check_supported
+from soter.certificate.reading.supported_constructs import require_supported
 from soter.certificate.rechecker import recheck
 from soter.certificate.report import NotRecheckedError
 from soter.diagnostics.diagnostic import SoterError
@@ -340,8 +340,8 @@ def test_a_mode_is_read_in_few_places_and_of_few_modules(
     facts = small_proofs.facts_of(tmp_path / "two.soter", "S", "KeepX")
     model = CaseModel(facts, (), tuple(facts.axes[i] for i in range(len(facts.states))))
     with pytest.raises(NotRecheckedError, match=why) if why else nullcontext():
-        check_supported(facts)
-        model.commands(*model.new_terms())
+        require_supported(facts)
+        model.sc_commands(*model.new_terms())
 
 
 @pytest.mark.long

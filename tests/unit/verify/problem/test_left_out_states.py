@@ -11,7 +11,11 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.certificate.extras.left_out_states import leave_out, refuse_read, require_unread_states
+from soter.certificate.extras.left_out_states import (
+    leave_out_states,
+    refuse_reads_of_left_out_states,
+    require_unread_states,
+)
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.diagnostics.diagnostic import SoterError
@@ -195,14 +199,14 @@ def test_of_drawn_states_prover_and_rechecker_leave_out_what_nothing_reads(
         left = {n for n in free if random_.random() < 0.8}
         kept = {"y", "h", "x", *drawn.names} - left
         read = {m for n in kept & {*drawn.names} for m in drawn.reads[n]}
-        leave_out(facts, [f"c.{n}" for n in left])
+        leave_out_states(facts, [f"c.{n}" for n in left])
         facts.extents = tuple((-1.0, 1.0) for _ in facts.states)
         model = CaseModel(facts, (), facts.extents)
         if read & left:
             with pytest.raises(RejectedError, match="reads what is left out"):
-                refuse_read(model)
+                refuse_reads_of_left_out_states(model)
         else:
-            refuse_read(model)
+            refuse_reads_of_left_out_states(model)
 
 
 @pytest.mark.parametrize(
@@ -229,9 +233,9 @@ def test_the_rechecker_refuses_what_leaves_out_more(
     facts = small_proofs.facts_of(path, "S", "SafeLane")
 
     def looked_at() -> None:
-        leave_out(facts, names)
+        leave_out_states(facts, names)
         facts.extents = tuple((-1.0, 1.0) for _ in facts.states)
-        refuse_read(CaseModel(facts, (), facts.extents))
+        refuse_reads_of_left_out_states(CaseModel(facts, (), facts.extents))
 
     with pytest.raises(RejectedError, match=why):
         looked_at()
@@ -277,7 +281,7 @@ def test_a_rate_that_is_not_defined_everywhere_leaves_nothing_out(
     path = tmp_path / "lane.soter"
     path.write_text(changed("15.0 * cos(h)", rate), encoding="utf-8")
     facts = small_proofs.facts_of(path, "S", "SafeLane")
-    leave_out(facts, ["c.x"])
+    leave_out_states(facts, ["c.x"])
     facts.extents = tuple((-1.0, 1.0) for _ in facts.states)
     with pytest.raises((RejectedError, NotRecheckedError)):
-        refuse_read(CaseModel(facts, (), facts.extents))
+        refuse_reads_of_left_out_states(CaseModel(facts, (), facts.extents))

@@ -14,7 +14,7 @@ from soter.certificate.reading.derived_times import (
     TimingSetting,
     TopicPath,
     TopicReading,
-    derive,
+    derive_times,
 )
 from unit.verify.time.pending_commands import PendingCommands, late_system
 
@@ -34,7 +34,9 @@ def derived(s: Schedule) -> DerivedTimes:
     sensor = TopicPath(clock("the sensor", path.sensor))
     read = (TopicReading("x", (sensor,), path.sensor.period),)
     effects = tuple(Effect(o.least, o.most) for o in s.outputs)
-    return derive(TimingSetting(clock("the DM", s.dm), clock("SC", s.sc), read, read, effects))
+    return derive_times(
+        TimingSetting(clock("the DM", s.dm), clock("SC", s.sc), read, read, effects)
+    )
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ from soter.certificate.report import RejectedError
 from soter.certificate.terms.linear_enclosures import exact
 from soter.certificate.tubes.check_rest import recheck_rest, tube_of_entry
 from soter.certificate.tubes.collecting_tube import CollectingTube
-from soter.certificate.tubes.rest_problem import read_rest
+from soter.certificate.tubes.rest_problem import read_rest_problem
 from soter.verify.problem.problem import Interval
 from soter.verify.tubes.generated_functions import Caller
 from soter.verify.tubes.kinks import Kink, kinks_of
@@ -49,15 +49,17 @@ def rechecked(
     text: str, seen: list[float] | None = None, ways: tuple[float, float] = WAYS
 ) -> str | None:
     """Why the re-checker does not see x settle; `seen` takes its highest value at each hold."""
-    tube = CollectingTube(read_rest(flat_of(text), "M"), {0: ways}, 0, (exact(0.9), exact(5.0)))
-    hold = tube.chain.hold
+    tube = CollectingTube(
+        read_rest_problem(flat_of(text), "M"), {0: ways}, 0, (exact(0.9), exact(5.0))
+    )
+    hold = tube.chain.follow_hold
 
     def spied(body: StateSet, pieces: int) -> tuple[StateSet, list[Any]]:
         if seen is not None:
             seen.append(float(body.box[0][1]))
         return hold(body, pieces)
 
-    tube.chain.hold = spied  # type: ignore[method-assign]
+    tube.chain.follow_hold = spied  # type: ignore[method-assign]
     return tube.why_not_settled([(exact(0.65), exact(0.8))], 0, 0)
 
 

@@ -58,7 +58,7 @@ def topic_at(flat: Flattening, place: PlacedInstance | SubSystem, symbol: typed.
 
 
 def make_queue(flat: Flattening, source: Topic, subscribed: typed.Subscribed, node: str) -> int:
-    """Makes the topic in which a node collects values of `source`, its queue; gives its index."""
+    """Makes the topic that queues values of `source`; gives its index, or raises TooLargeError."""
     assert subscribed.queue is not None
     t = ListType(source.type, subscribed.queue)
     if not flat.sizes.has_room_for(t):
