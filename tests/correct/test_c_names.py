@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -13,14 +14,12 @@ import soter
 from generators.c_packages import package
 from long_tests import examples
 from soter.codegen.c_names import file_level_name, why_not_linkable
-from soter.codegen.unit import generate
+from soter.codegen.unit import COMPONENT_NAMES, generate
 from soter.language.syntax.tokens import RESERVED
 from soter.native.compiler import STANDARD, WARNINGS, find_compiler
 from soter.native.shared_library import RUNTIME
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from soter.codegen.unit import Unit
 
 KEYWORDS = """
@@ -45,6 +44,7 @@ stdint stdio stdlib string time unistd wchar
 """
 WORDS = [w for w in (*KEYWORDS.split(), *OTHERS.split()) if w not in RESERVED]
 NAMES = examples(10)
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 INCLUDED = "".join(f"#include <{h}.h>\n" for h in HEADERS.split() if h != "complex")
 ONE = """soter 1;
 topic x: float in [0.0, 1.0] max_age 20ms;
@@ -134,6 +134,17 @@ def test_everything_else_may_have_any_name(tmp_path: Path) -> None:
     if shutil.which("g++") or shutil.which("clang++"):
         (tmp_path / "out" / "u.cpp").write_text(f'{INCLUDED}#include "Whole_firmware.h"\n')
         assert compiled(tmp_path / "out", "u.cpp", cpp=True) == ""
+
+
+@pytest.mark.parametrize("file", ["evidence/cart_faults.soter", "testing/first_cause.soter"])
+def test_every_function_of_a_component_has_a_reserved_name(file: str) -> None:
+    """Else a type called `SafeCart_Fast_overrun` could be the overrun of `SafeCart.Fast`."""
+    unit = generate(soter.load(EXAMPLES / file).flat())
+    named = re.findall(r"^[a-z][\w *]*?\b(\w+)\(", unit.source, re.MULTILINE)
+    of = unit.names.values()
+    endings = {f.removeprefix(name) for f in named for name in of if f.startswith(f"{name}_")}
+    assert "_step" in endings
+    assert endings <= {*COMPONENT_NAMES}
 
 
 @pytest.mark.parametrize("name", ["_Atomic", "errno", "main"])

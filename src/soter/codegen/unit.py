@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 
 COMPONENT_NAMES = (
     "_step", "_failsafe", "_in", "_out", "_local", "_state", "_move", "_effect", "_exchange",
-    "_happens", LINKED,
+    "_happens", "_overrun", LINKED,
 )  # fmt: skip
 MODULE_NAMES = ("_ttf", "_safer", "_decide")
 OWN_NAMES = (
