@@ -42,6 +42,32 @@ def first_sentence(path: Path) -> str:
     return re.split(r"\.\s", " ".join(docstring.partition("\n\n")[0].split()))[0]
 
 
+NOT_OF_THE_FILE = {"wcet", "trace_sha256", "rosbags", "idlc"}
+"""Names in heads that are a field of JSON, a member of C, or somebody else's program."""
+
+
+def _identifiers(path: Path) -> set[str]:
+    """Every name that the code of a file has: defined, imported, read, or written as a text."""
+    found = set[str]()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for attribute in ("name", "asname", "id", "attr", "arg"):
+            found.update(str(getattr(node, attribute, "")).split("."))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            found.add(node.value)
+    return found
+
+
+@all_rows("path", SOURCES, ids=lambda p: str(p.relative_to(ROOT / "src" / "soter")))
+def test_what_a_head_says_something_of_is_there(path: Path) -> None:
+    """After a renaming it was not; of a package its files may have it, or those below."""
+    head = " ".join((ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or "").split())
+    files = sorted(path.parent.rglob("*.py")) if path.name == "__init__.py" else [path]
+    grammar = (ROOT / "docs" / "grammar.ebnf").read_text(encoding="utf-8")
+    known = {*re.findall(r"'(\w+)'", grammar), *NOT_OF_THE_FILE}.union(*map(_identifiers, files))
+    said = re.findall(r"`([A-Za-z_]\w*)` [a-z]+s\b", head)
+    assert [name for name in said if name not in known] == []
+
+
 SEVERAL_SUBJECTS = {
     "addons.py": 1,
     "api": 14,

@@ -1,9 +1,9 @@
 """The arms of a campaign: the same seeds, flown by other rules.
 
 Purpose: `find_arms` makes, of a system, those that it is compared with: AC alone, the paper's rules
-under a measured lateness of releases, and sweeps of how long nodes are held up. `measured` finds
-how late this machine releases an ordinary process while it is busy: it sleeps to periodic releases,
-under the ordinary policy, beside twice as many computing processes as there are cores.
+under a measured lateness of releases, and sweeps of how long nodes are held up. `measure_lateness`
+finds how late this machine releases an ordinary process while it is busy: it sleeps to periodic
+releases, under the ordinary policy, beside twice as many computing processes as there are cores.
 Non-goals: flying (`fly_campaign.py`); real-time policies; what a deployed program does.
 
 In the paper's semantics the nodes of an instant step in any order; here DMs step before SCs. The

@@ -3,7 +3,7 @@
 Purpose: `Result` takes flights to figures with intervals; `Campaign` has it and what was flown.
 `FaultAttribution` tells a violation that is a defect from one that is excused: the flight met a
 declared fault outside of what proofs assume before it, and without such faults it is clean.
-`occurred` counts each fault. All of it follows from the seeds, so nothing is stored for it.
+`count_faults` counts each fault. All of it follows from the seeds, so nothing is stored for it.
 Non-goals: printing, files; what faults do (`semantics/faults.py`).
 """
 

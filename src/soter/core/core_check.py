@@ -1,6 +1,6 @@
 """Checks that Core keeps what the head of `core.py` promises.
 
-Purpose: `broken` names every place where Core breaks a promise, by rules that know nothing of how
+Purpose: `broken_promises` names every place where Core breaks a promise, by rules that know nothing of how
 it was lowered: expressions are pure, and of the right types; what may fault is checked before
 (divisors, indices, operations on ints); temporaries are defined once, and before they are used; a
 function stands before its calls, so that none recurs; loops have constant ends; once a function has

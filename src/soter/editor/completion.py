@@ -1,8 +1,8 @@
 """Completion: where in a text the cursor is, and what could be written there.
 
 Purpose: `cursor_at` finds the body around the cursor from the tokens before it, however broken the
-rest is. `completed` offers words that can begin something here, visible names of fitting kinds,
-and members after a dot.
+rest is. `completion_items` offers words that can begin something here, visible names of fitting
+kinds, and members after a dot.
 Non-goals: ranking beyond what is near first.
 """
 

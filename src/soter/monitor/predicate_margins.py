@@ -8,7 +8,7 @@ condition counts.
 Non-goals: C; margins between instants.
 
 A bool or an equality, which has no distance, is infinitely far. Distances in different units are
-compared as numbers, so each comparison keeps its own least (`Bounds`).
+compared as numbers, so a `Distance` says of which comparison it is.
 """
 
 from __future__ import annotations

@@ -3,9 +3,9 @@
 Purpose: each rule is one function from a configuration to a configuration; the figure's conditions
 are named beside the line that is them. Rulings beyond the paper: docs/semantics.md. A shield judges
 the commands of a module before they are published: it moves those of AC toward SC's, or makes a
-step fault of them (docs/semantics.md, Shields). `violated` says which `always` and `never` are
-violated at the end of an instant, judged on the truth, and `judged` which `assumes` and
-`guarantees` of a node as it steps.
+step fault of them (docs/semantics.md, Shields). `violated_properties` says which `always` and
+`never` are violated at the end of an instant, judged on the truth, and `violated_contracts` which
+`assumes` and `guarantees` of a node as it steps.
 Non-goals: which rule comes next, with what input, and steps of plants (`interpreter.py`); which
 commands are permitted (`verify/deploy/shield_tables.py`); onsets and counts (`configuration.py`),
 temporal properties of tests (`explore/`).

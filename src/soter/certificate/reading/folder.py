@@ -9,7 +9,7 @@ module (`reading/problem.py`), which claims a part of a group rests on (`proof_m
 
 The argument: the seal is the hash of the manifest, which has the hash of every other file; each
 file is read once, and what is checked are those bytes. A table that is asked for is noted: at the
-end those that nobody asked for are refused (`unused`).
+end those that nobody asked for are refused (`unused_tables`).
 """
 
 from __future__ import annotations

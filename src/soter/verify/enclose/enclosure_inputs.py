@@ -2,8 +2,8 @@
 
 Purpose: `EnclosureInputs` knows the number of each leaf that is an input, and reads it from `in[]`
 or `param[]` of the emitted function. It makes estimates (a driven topic plus its measurement
-errors), and gives the declared range to a leaf that is no input of the function. `leaf_paths` and
-`leaf_values` go through the leaves of a type, and of a value of it.
+errors), and gives the declared range to a leaf that is no input of the function. `leaf_values`
+goes through the leaves of a value.
 Non-goals: which leaves are inputs (`verify/problem/inputs.py`), what reads them
 (`enclosed_steps.py`).
 """
