@@ -21,7 +21,7 @@ import gymnasium
 import numpy as np
 
 import soter
-from soter.native.bindings import bind
+from soter.native.extern_bindings import bind
 from soter.native.loaded_program import RunStatus
 from soter.report.tables import table
 from soter.simulate.externs.callables import callables

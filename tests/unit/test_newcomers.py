@@ -12,7 +12,7 @@ from bench.newcomers.first_attempt import TRIED, followed
 from bench.newcomers.flights import jumping, lattice, leaves, left_by, left_in_c, library
 from bench.newcomers.wrong_robots import Wrong, edited
 
-from soter.verify.claims.choice import CELLS_MAX
+from soter.verify.claims.choose_cells_and_levels import CELLS_MAX
 from unit.verify.diagnosis.tank_modules import TANK, changed, explained
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ Non-goals: printing, exit codes (`cli/`). In reading order:
 - `exploring.py` explores tests; `rechecking.py` checks certificates again, and replays traces.
 - `deploying.py` builds packages, and says which proof a deployed system inherits.
 - `comparing.py` says what a change of a program leaves standing.
-- `advising.py` says how far from a fence a decision module takes over.
+- `buffer_advice.py` says how far from a fence a decision module takes over.
 - `measuring.py` measures times of steps, or counts instructions on an emulated board.
 - `monitoring.py` judges runs and logs; `identifying.py` fits parameters to logs;
   `campaigning.py` runs campaigns.

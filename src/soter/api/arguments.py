@@ -36,8 +36,8 @@ if TYPE_CHECKING:
     from soter.report.sequence_view import SequenceView
     from soter.report.templates import PageSection
     from soter.simulate.run_log import RunLog
-    from soter.verify.advice import Advice
     from soter.verify.deploy.missing_predicates import Known
+    from soter.verify.period_advice import Advice
 
     Progress = Callable[[float], None]
     Tell = Callable[[str], None]
@@ -149,7 +149,7 @@ def compute_ttf(
     if all(m.symbol.ttf is not None for m in system.modules):
         return []
     if bound is not None:
-        from soter.native.bindings import bind  # noqa: PLC0415 - see `soter.api`
+        from soter.native.extern_bindings import bind  # noqa: PLC0415 - see `soter.api`
         from soter.simulate.externs.callables import require_files  # noqa: PLC0415 - the same
 
         require_files(bind(system, bound))

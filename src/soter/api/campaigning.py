@@ -24,7 +24,7 @@ from soter.campaign.result import ORDER, Campaign, FlownArm, attributions, count
 from soter.campaign.store import CampaignIdentity, CampaignStore, write_parquet
 from soter.diagnostics.diagnostic import Diagnostic, Severity, SoterError, mistake
 from soter.language.evaluate.topic_ranges import truth_by_parts
-from soter.native.bindings import bind_derived
+from soter.native.extern_bindings import bind_derived
 from soter.report.wording import changed_parameters
 from soter.simulate.run_options import seed_value
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from soter.campaign.result import Result
     from soter.campaign.store import FlightOutcome
     from soter.language.model.system import System
-    from soter.native.bindings import Bindings
+    from soter.native.extern_bindings import Bindings
 
     Progress = Callable[[float], None]
 

@@ -314,7 +314,7 @@ def check_report(
     program = checked.program
     assert program is not None
     if bound:
-        from soter.native.bindings import require_bindable  # noqa: PLC0415 - see `soter.api`
+        from soter.native.extern_bindings import require_bindable  # noqa: PLC0415 - see `soter.api`
 
         require_bindable(list(flat.values()), bound)
     systems = tuple(

@@ -27,7 +27,7 @@ from soter.diagnostics.diagnostic import Diagnostics, SoterError, mistake
 from soter.language.load.loader import LoadedFile, load
 from soter.language.load.named_files import binding_of, read_bytes
 from soter.language.model.system import System, environment_topics
-from soter.native.bindings import Bindings, require_linked
+from soter.native.extern_bindings import Bindings, require_linked
 from soter.simulate.result_assumptions import code_assumptions
 from soter.targets.cortex_m_board import Replay, read_board
 from soter.targets.cortex_m_package import (

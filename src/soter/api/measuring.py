@@ -23,7 +23,7 @@ from soter.diagnostics.command_records import JsonObject
 from soter.diagnostics.diagnostic import mistake
 from soter.measure import MARGIN, SAMPLES
 from soter.measure.stopwatch import StepTimes, TimedUnit, step_times, time_steps, timed_components
-from soter.native.bindings import bind
+from soter.native.extern_bindings import bind
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

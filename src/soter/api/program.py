@@ -52,14 +52,14 @@ if TYPE_CHECKING:
     from soter.language.model.types import Value
     from soter.monitor.log_judgement import LogJudgement
     from soter.monitor.model_membership import Judgement
-    from soter.native.bindings import Bindings
+    from soter.native.extern_bindings import Bindings
     from soter.report.safety_case import Assurance
     from soter.simulate.result import Run
     from soter.simulate.run_options import RunKeywords
     from soter.targets.package import Package
-    from soter.verify.advice import Advice, DelayAdvice
     from soter.verify.claims.results import ProofSearch, VerifyReport
     from soter.verify.deploy.missing_predicates import Known
+    from soter.verify.period_advice import Advice, DelayAdvice
 
     Params = Mapping[str, object] | None
 
@@ -149,7 +149,7 @@ class Program:
         `sb3:file.zip:vecnormalize.pkl` (relative to the current folder). SoterError U005 where no
         system has such an extern, U001, X002, X003 for a wrong target.
         """
-        from soter.native.bindings import check_target, require_extern  # noqa: PLC0415 - as above
+        from soter.native.extern_bindings import check_target, require_extern  # noqa: PLC0415 - as above
 
         check_target(name, target)
         if self.ok:
@@ -401,8 +401,8 @@ class Program:
         `factors`: multiples of the declared period; `levels`: numbers of levels (m); `report`: an
         HTML file with the figure. `SoterError` R... if a problem is not determined; D006, D007.
         """
-        from soter.verify.advice import sweep_all  # noqa: PLC0415 - needs NumPy and a compiler
         from soter.verify.chosen_modules import modules_of, problems_of  # noqa: PLC0415 - the same
+        from soter.verify.period_advice import sweep_all  # noqa: PLC0415 - needs NumPy and a compiler
 
         if report is not None:
             require_writable(Path(report))
@@ -422,8 +422,8 @@ class Program:
         progress: Progress | None = None,
     ) -> tuple[DelayAdvice, ...]:
         """Finds how late commands of every module may act, in ns, each verified; SoterError R..."""
-        from soter.verify.advice import largest_delay  # noqa: PLC0415 - needs a compiler
         from soter.verify.chosen_modules import modules_of  # noqa: PLC0415 - the same
+        from soter.verify.period_advice import largest_delay  # noqa: PLC0415 - needs a compiler
 
         chosen = modules_of(self._checked, module, system, self._values(params))
         with telling_shares(progress):
@@ -494,6 +494,6 @@ class Program:
         return system, compute_ttf(system, known, bound)
 
     def _bindings(self, system: System) -> Bindings:
-        from soter.native.bindings import bind  # noqa: PLC0415 - see the docstring
+        from soter.native.extern_bindings import bind  # noqa: PLC0415 - see the docstring
 
         return bind(system, self._bound)

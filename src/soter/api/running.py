@@ -22,7 +22,7 @@ from soter.api.arguments import compute_ttf
 from soter.core.layout import state_layout
 from soter.diagnostics.current_phase import phase
 from soter.language.front_end import CheckResult, system_of
-from soter.native.bindings import Bindings, bind, bind_again, bind_derived
+from soter.native.extern_bindings import Bindings, bind, bind_again, bind_derived
 from soter.report.wording import changed_parameters
 from soter.semantics.externs import Stop
 from soter.simulate.externs.c_extern import linked_content

@@ -3,7 +3,7 @@
 Purpose: prints a table for each module and the longest period (the paper's Delta) that verifies,
 and draws a figure in `.soter/`; with `--delay` it finds how late commands may act, with `--rest` a
 clause `rest`.
-Non-goals: the sweeps (`verify/advice.py`), the drawing (`report/proof_page.py`), the search
+Non-goals: the sweeps (`verify/period_advice.py`), the drawing (`report/proof_page.py`), the search
 (`verify/search/`).
 """
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from soter.api.program import Program
     from soter.report.tables import Entry, Tone
-    from soter.verify.advice import Advice, DelayAdvice
+    from soter.verify.period_advice import Advice, DelayAdvice
 
 EXAMPLES = """\
   soter advise cart.soter
@@ -181,7 +181,7 @@ def _tell_buffers(args: argparse.Namespace, console: Console, program: Program) 
     named = tuple(args.buffer.split(",")) if args.buffer else None
     if named is not None and len(named) != 2:
         raise UsageError(f"--buffer takes a position and a speed, not `{args.buffer}`")
-    from soter.api.advising import buffers  # noqa: PLC0415 - needs a compiler
+    from soter.api.buffer_advice import buffers  # noqa: PLC0415 - needs a compiler
 
     with ProgressBar(console) as progress:
         choices = {"module": args.module, "system": args.system, "params": dict(args.params)}
@@ -244,22 +244,22 @@ def _tried_delays(delay: DelayAdvice) -> list[dict[str, object]]:
 
 
 ROW = JsonObject(
-    "soter.verify.advice.AdviceRow",
+    "soter.verify.period_advice.AdviceRow",
     "period_s=delta_ns/s sc_period_s=sc_ns/s h_star_s=h_star_ns/s horizon_s=horizon_ns/s in_time "
     "core allowed levels returns written",
 )
 ADVICE = JsonObject(
-    "soter.verify.advice.Advice",
+    "soter.verify.period_advice.Advice",
     "period_s=delta_ns/s levels summary best_s=best_ns/s rows",
     {"rows": _row_documents},
 )
 DELAY = JsonObject(
-    "soter.verify.advice.DelayAdvice",
+    "soter.verify.period_advice.DelayAdvice",
     "declared_s=declared_ns/s largest_s=largest_ns/s refused_s=refused_ns/s summary tried",
     {"tried": _tried_delays},
 )
 BUFFERS = JsonObject(
-    "soter.api.advising.Buffers",
+    "soter.api.buffer_advice.Buffers",
     "module position speed units fence fastest rows",
-    rows=JsonObject("soter.api.advising.BufferRow", "speed taken_at room used"),
+    rows=JsonObject("soter.api.buffer_advice.BufferRow", "speed taken_at room used"),
 )

@@ -1,7 +1,7 @@
 """Checks that Core keeps what the head of `core.py` promises.
 
-Purpose: `broken_promises` names every place where Core breaks a promise, by rules that know nothing of how
-it was lowered: expressions are pure, and of the right types; what may fault is checked before
+Purpose: `broken_promises` names every place where Core breaks one, by rules that know nothing of
+how it was lowered: expressions are pure, and of the right types; what may fault is checked before
 (divisors, indices, operations on ints); temporaries are defined once, and before they are used; a
 function stands before its calls, so that none recurs; loops have constant ends; once a function has
 left, nothing has an effect. What lowers functions, steps and predicates asserts that none is

@@ -2,7 +2,7 @@
 
 Purpose: `core_text` writes everything that is lowered of a system, a line a statement, for
 `soter show --core` and for the tests of lowering. Every temporary has its type; before an
-operation that may fault stands `checked`, and `guard KIND` names the fault; a topic is `topic(NAME)`, a
+operation that may fault stands `checked`, and `guard KIND` names it; a topic is `topic(NAME)`, a
 plant's state `state(PLANT.NAME)`, and 2.5 that the source calls GAIN is `2.5'GAIN`.
 Non-goals: reading such text again; source lines; what a back end makes of Core.
 """

@@ -22,9 +22,9 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.gym.environment_choices import is_flat
 from soter.language.model.typed import Literal
 from soter.language.model.types import BOOL, BoolType, EnumType, FloatType, IntType
-from soter.native.bindings import Bindings, bind
 from soter.native.c_interface import address, declarations, interface, open_library
 from soter.native.compiler import FAST, vector_flags
+from soter.native.extern_bindings import Bindings, bind
 from soter.native.kept_state import why_it_keeps_state
 from soter.native.loaded_program import Library
 from soter.native.shared_library import RUNTIME, library

@@ -32,7 +32,7 @@ from soter.gym.environment_choices import chosen_module, chosen_plant, system_wi
 from soter.language.elaborate.derived_systems import answered_outside
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.model.types import numbers_in
-from soter.native.bindings import bind_again
+from soter.native.extern_bindings import bind_again
 from soter.native.loaded_program import RunStatus
 from soter.semantics.externs import reset_extern
 from soter.simulate.externs.callables import callables

@@ -1,7 +1,7 @@
 """Native code: find a compiler, build, cache by content, load; what externs are bound to.
 
 In reading order:
-- `bindings.py` finds what answers each extern: Python, C or a learned policy.
+- `extern_bindings.py` finds what answers each extern: Python, C or a learned policy.
 - `compiler.py` finds a C compiler, and runs it within bounds.
 - `cache.py` keeps what was built by its content; `shared_library.py` compiles and
   keeps generated C; `c_interface.py` opens it, and is the one file that knows cffi;

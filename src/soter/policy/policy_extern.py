@@ -18,7 +18,7 @@ import numpy as np
 
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
 from soter.language.model.types import ArrayType, BoolType, EnumType, FloatType, IntType, RecordType
-from soter.native.bindings import FilePolicy
+from soter.native.extern_bindings import FilePolicy
 from soter.policy.network import Clipped, numbers_text, prepare_network, standardise
 from soter.policy.onnx_file import onnx_content
 from soter.policy.onnx_session import SAY, OnnxSession

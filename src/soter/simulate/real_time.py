@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
     from soter.core.core import CoreSystem
     from soter.language.model.system import System
-    from soter.native.bindings import Bindings
+    from soter.native.extern_bindings import Bindings
     from soter.simulate.interrupt import StopRequest
     from soter.simulate.run_observer import Kept
 

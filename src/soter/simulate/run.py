@@ -6,7 +6,7 @@ layout. A run that is stopped half-way is a run until there. `state_bytes` write
 the interpreter as the bytes of the generated program's state, so that both engines give one trace.
 A `Pacer` lets no instant happen before its time on the clock, and notes how late the worst was.
 Non-goals: guarantees of time (the real-time runtime has priorities and a driver of its own);
-printing, logs, many runs at once (campaigns), finding externs (`native/bindings.py`).
+printing, logs, many runs at once (campaigns), finding externs (`native/extern_bindings.py`).
 """
 
 from __future__ import annotations
@@ -180,7 +180,7 @@ class NativeProgram:
     """A compiled system, ready to run any number of times.
 
     `optimise`: the compiler's flag, by default one for the size of the C. `core`: the lowered
-    system where it differs from what the program says (`native/bindings.py`).
+    system where it differs from what the program says (`native/extern_bindings.py`).
     """
 
     def __init__(

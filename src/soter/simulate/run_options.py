@@ -4,7 +4,7 @@ Purpose: `RunOptions` has each option once, with its range, its default, its wor
 `--set K=3`, `--until 30s` and their twins in Python become values of the program's types, or a
 diagnostic that says what would have been right (U001, U004).
 Non-goals: how options are read (`diagnostics/command_records.py`), bounds of parameters
-(`language/elaborate/flatten_system.py`), bindings (`native/bindings.py`).
+(`language/elaborate/flatten_system.py`), bindings (`native/extern_bindings.py`).
 """
 
 from __future__ import annotations

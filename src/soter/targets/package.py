@@ -194,8 +194,8 @@ def build_package(
     `mapping`: as `soter.mapping.read_mapping.make_log_map` gives it. `more`: files that the package
     has besides, whatever the target. `onto`: a board, and the run that an image of it repeats.
 
-    `system`, `core`: with every binding to C entered (`native/bindings.py`); whatever else an
-    extern is bound to does not leave this machine.
+    `system`, `core`: with every binding to C entered (`native/extern_bindings.py`); whatever else
+    an extern is bound to does not leave this machine.
     """
     require_options(target, mapping=mapping is not None, board=onto is not None)
     others = onto or (() if mapping is None else (mapping,))

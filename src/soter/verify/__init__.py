@@ -18,7 +18,7 @@ In reading order:
   its method found into the verdicts on a module.
 - `refute.py` looks for runs of an `attacked_system.py` that leave C; `counterexample.py` keeps and
   replays them. `diagnosis/` tells why a claim is not proved, and which changes help.
-- `advice.py` is `soter advise`: it tries other times. `find_sc.py` computes sets for SCs that are
-  left open; `synthesized_sc.py` makes their tables and text.
+- `period_advice.py` is `soter advise`: it tries other times. `find_sc.py` computes sets for open
+  SCs; `synthesized_sc.py` makes their tables and text.
 - `deploy/` makes and checks the DM that flies, and says which proof a deployed system inherits.
 """

@@ -20,7 +20,7 @@ from soter.diagnostics.current_phase import between, phase, share_done, telling
 from soter.language.model.assumption_words import in_words
 from soter.language.model.types import show_ns
 from soter.verify.claims import claims
-from soter.verify.claims.choice import (
+from soter.verify.claims.choose_cells_and_levels import (
     choose_cells_and_levels,
     given_up_note,
     shrink_core,
@@ -82,7 +82,7 @@ if TYPE_CHECKING:
 
     from soter.diagnostics.diagnostic import Diagnostics
     from soter.language.model.system import System
-    from soter.verify.claims.choice import Choice
+    from soter.verify.claims.choose_cells_and_levels import Choice
     from soter.verify.enclose.compiled_enclosures import ReachLibrary
     from soter.verify.induction.prove_or_refute import Search
     from soter.verify.problem.problem import Group, Problem, ProblemKind

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from soter.api import load
-from soter.api.advising import buffers
+from soter.api.buffer_advice import buffers
 from soter.diagnostics.diagnostic import SoterError
 
 if TYPE_CHECKING:
-    from soter.api.advising import Buffers
+    from soter.api.buffer_advice import Buffers
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 CART = load(EXAMPLES / "wall" / "cart.soter")

@@ -14,7 +14,7 @@ import pytest
 import soter
 from soter.api.running import KEPT_MAX, PreparedSystems
 from soter.core import steps
-from soter.native import bindings
+from soter.native import extern_bindings
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -95,7 +95,7 @@ def test_a_system_is_lowered_once(path: Path, monkeypatch: pytest.MonkeyPatch) -
         lowered.append(system.name)
         return lower(system)
 
-    monkeypatch.setattr(bindings, "lower", counting)
+    monkeypatch.setattr(extern_bindings, "lower", counting)
     for seed in range(3):
         program.bind("Pilot", lambda _, s=seed: 0.1 * s)
         program.simulate(seed=seed)

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 z3 = pytest.importorskip("z3")
 
-from soter.certificate.induction.solver_reading import (  # noqa: E402 - needs the solver
+from soter.certificate.induction.solver_steps import (  # noqa: E402 - needs the solver
     SolverReading,
     VisibleValues,
 )

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from flint import arb
 
-from soter.certificate.extras.tables import range_of_table
+from soter.certificate.extras.array_elements import range_of_table
 from soter.certificate.terms.linear_enclosures import exact
 from soter.certificate.terms.straight_line import (
     OPERATIONS,

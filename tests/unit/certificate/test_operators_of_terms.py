@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from soter.certificate.extras import tables
+from soter.certificate.extras import array_elements
 from soter.certificate.extras.prelude_functions import prelude_function
 from soter.certificate.reading.symbolic_operations import Operations
 from soter.certificate.reading.symbolic_values import Rows, SymbolicInt, in_range
@@ -262,8 +262,8 @@ def test_what_is_selected_is_numbers(elements: list[Any], fine: bool) -> None:
     def asked() -> Any:
         terms = Terms()
         make = Operations(terms, rounded=True)
-        found = tables.element_at(make, elements, inputs_of(terms, (1.0, 1.0))[0])
-        return tables.row_values(make, found) if isinstance(found, Rows) else found
+        found = array_elements.element_at(make, elements, inputs_of(terms, (1.0, 1.0))[0])
+        return array_elements.row_values(make, found) if isinstance(found, Rows) else found
 
     def kinds(x: Any) -> Any:
         if isinstance(x, tuple):
@@ -285,14 +285,14 @@ def test_rows_are_alike_or_refused() -> None:
     (x,) = inputs_of(terms, (0.0, 1.0))
     unlike = [(1.0, 2.0), (3.0,)]
     with pytest.raises(NotRecheckedError, match="indexed by an input"):
-        tables.row_values(make, Rows(unlike, x))
+        array_elements.row_values(make, Rows(unlike, x))
     with pytest.raises(NotRecheckedError, match="indexed by an input"):
-        tables.element_of_table(make, Rows(unlike, x), 0)
+        array_elements.element_of_table(make, Rows(unlike, x), 0)
     with pytest.raises(NotRecheckedError, match="indexed by an input"):
-        tables.element_of_table(make, Rows([(1.0, 2), (3.0, 4)], x), 0)
+        array_elements.element_of_table(make, Rows([(1.0, 2), (3.0, 4)], x), 0)
     for first in ((1.0, 2.0), (1, 2)):
         rows = Rows([first, first], x)
-        found = tables.element_of_table(make, rows, 1)
+        found = array_elements.element_of_table(make, rows, 1)
         assert isinstance(found, SymbolicInt) is isinstance(first[0], int)
         assert at(terms, found, [1.0]) == 2.0
 
@@ -301,13 +301,15 @@ def test_a_table_of_one_entry_and_rows_of_unlike_parts() -> None:
     terms = Terms()
     make = Operations(terms, rounded=True)
     (x,) = inputs_of(terms, (0.0, 0.0))
-    assert at(terms, tables.element_at(make, [5.0], x), [0.0]) == 5.0
-    assert at(terms, tables.element_of_table(make, Rows([(1.0, 6.0)], x), 1), [0.0]) == 6.0
-    assert [at(terms, v, [0.0]) for v in tables.row_values(make, Rows([(1.0, 6.0)], x))] == [
+    assert at(terms, array_elements.element_at(make, [5.0], x), [0.0]) == 5.0
+    assert at(terms, array_elements.element_of_table(make, Rows([(1.0, 6.0)], x), 1), [0.0]) == 6.0
+    assert [
+        at(terms, v, [0.0]) for v in array_elements.row_values(make, Rows([(1.0, 6.0)], x))
+    ] == [
         1.0,
         6.0,
     ]
-    first, rows = tables.element_at(make, [(1.0, (2.0, 3.0)), (4.0, (5.0, 6.0))], x)
+    first, rows = array_elements.element_at(make, [(1.0, (2.0, 3.0)), (4.0, (5.0, 6.0))], x)
     assert at(terms, first, [0.0]) == 1.0
     assert isinstance(rows, Rows)
 

@@ -15,9 +15,9 @@ from flint import arb
 
 from soter.certificate import rechecker
 from soter.certificate.cell_sets import Grid
+from soter.certificate.extras.array_elements import element_of_table
 from soter.certificate.extras.prelude_functions import prelude_function
 from soter.certificate.extras.sc_locals_and_modes import any_alternative
-from soter.certificate.extras.tables import element_of_table
 from soter.certificate.grid.chain_form_layout import FormLayout
 from soter.certificate.grid.group_claims import ChainCheck, half_of_form
 from soter.certificate.reading import supported_constructs

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from soter.certificate.extras.array_elements import table_term
 from soter.certificate.extras.prelude_functions import with_error_bound
-from soter.certificate.extras.tables import table_term
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.compile_terms import (
     compile_lines,

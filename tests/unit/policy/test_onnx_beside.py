@@ -311,7 +311,7 @@ def test_a_run_and_its_log_say_which_weights_flew(
 
 
 def test_what_a_c_file_includes_and_what_a_zip_is_normalised_by_are_said(tmp_path: Path) -> None:
-    from soter.native.bindings import file_hashes
+    from soter.native.extern_bindings import file_hashes
 
     (tmp_path / "a.c").write_text('#include "gain.h"\n')
     told = []

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from soter.diagnostics.diagnostic import SoterError
-from soter.native.bindings import bind
+from soter.native.extern_bindings import bind
 from soter.simulate.externs.callables import callables
 from soter.simulate.interrupt import StopRequest
 from soter.simulate.run import NativeProgram, run_interpreted

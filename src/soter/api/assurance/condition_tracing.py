@@ -19,7 +19,7 @@ from soter.codegen.unit import UnitBuilder
 from soter.core.steps import lower
 from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import SoterError
-from soter.native.bindings import bind
+from soter.native.extern_bindings import bind
 from soter.report.safety_case import ConditionTrace, TracedCondition
 from soter.simulate.externs.callables import callables, close_externs
 from soter.simulate.interrupt import StopRequest

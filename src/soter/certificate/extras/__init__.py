@@ -8,7 +8,7 @@ Non-goals: methods that prove whole modules (`proof_methods.py`).
 - Plants: `maps.py` for those that step; `left_out_states.py`: states that no claim looks at.
 - SC: `sc_locals_and_modes.py` for locals and modes of others; `failsafe_law.py` for the law in its
   place; `resting.py`: cells from which it only comes to rest.
-- Terms: `prelude_functions.py` encloses `sin` and its like, `tables.py` elements of arrays.
+- Terms: `prelude_functions.py` encloses `sin` and its like, `array_elements.py` elements of arrays.
 - DMs: `estimates_and_shield.py` for computed predicates and shields.
 - Times: `node_paths.py` for nodes on the way to a module, `thread_times.py` for the thread.
 - Views: `views.py` reads modules in views or on abstractions, `handovers.py` checks `enters`.

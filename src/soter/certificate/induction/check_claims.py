@@ -3,7 +3,7 @@
 Purpose: `recheck_induction` has z3 show that everything claimed holds in the first k hyperperiods
 of every run, and after k in which it held; and that no execution stays in SC for as long as P2b
 says. No search: k is the certificate's.
-Non-goals: reading the program, executions (`induction_problem.py`, `solver_reading.py`).
+Non-goals: reading the program, executions (`induction_problem.py`, `solver_steps.py`).
 """
 
 from __future__ import annotations

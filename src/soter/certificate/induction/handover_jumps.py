@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import z3
 
-from soter.certificate.induction.solver_reading import SolverReading, VisibleValues
+from soter.certificate.induction.solver_steps import SolverReading, VisibleValues
 from soter.certificate.induction.solver_values import (
     both,
     choose,

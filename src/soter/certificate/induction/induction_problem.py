@@ -5,7 +5,7 @@ prover's; `compare_entry` holds the certificate against them. A `TransitionSyste
 of some hyperperiods as terms of a solver: at each, every component that is due makes its step, in
 an order that is left open. Topics carry the absolute times of their publications. What holds is
 recorded at the end of every instant. What is known stays a number or a truth of Python.
-Non-goals: what a step does (`solver_reading.py`), showing anything (`check_claims.py`).
+Non-goals: what a step does (`solver_steps.py`), showing anything (`check_claims.py`).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import z3
 
 from soter.certificate.extras.sc_locals_and_modes import modes_in
 from soter.certificate.extras.thread_times import first_delayed_in_thread
-from soter.certificate.induction.solver_reading import SolverReading, VisibleValues
+from soter.certificate.induction.solver_steps import SolverReading, VisibleValues
 from soter.certificate.induction.solver_values import (
     Elapsed,
     as_term,

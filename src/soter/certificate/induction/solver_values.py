@@ -6,7 +6,7 @@ term or an `Elapsed`; records and small arrays are tuples of values. Known lists
 are tuples as long as a step is read, and one term in between (`value_as_terms`). The re-checker's
 own rule for what is exact and what is opaque stands here, and which functions are read where they
 are called (`reads_body`).
-Non-goals: what operators give, reading code (`solver_reading.py`).
+Non-goals: what operators give, reading code (`solver_steps.py`).
 """
 
 from __future__ import annotations

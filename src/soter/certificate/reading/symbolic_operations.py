@@ -2,7 +2,7 @@
 
 Purpose: operators, built-in functions and those of the prelude, choices, look-ups in tables.
 Non-goals: values (`symbolic_values.py`); expressions and statements (`symbolic_reading.py`); terms
-themselves (`certificate/terms/`), those of a solver (`certificate/induction/solver_reading.py`).
+themselves (`certificate/terms/`), those of a solver (`certificate/induction/solver_steps.py`).
 """
 
 from __future__ import annotations

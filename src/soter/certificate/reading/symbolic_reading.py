@@ -3,7 +3,7 @@
 Purpose: evaluate typed expressions and statements once, with numbers where numbers are known and
 terms where inputs are involved. Loops are unrolled, functions inlined, both sides of a branch that
 depends on inputs are read and joined. Two kinds of terms there are: real ones (`SymbolicReader`,
-here) and those of a solver (`certificate/induction/solver_reading.py`); what the language is made
+here) and those of a solver (`certificate/induction/solver_steps.py`); what the language is made
 of is read by one `CodeReader`.
 Non-goals: operations on values (`symbolic_operations.py`); sharing code with the interpreter, with
 the lowering, or with what verifies: this is written from docs/language.md and docs/semantics.md.
@@ -397,7 +397,7 @@ class SymbolicReader(CodeReader):
         """
         value = super().value(e, frame)
         if isinstance(value, Rows) and not rows:
-            value = extras.tables.row_values(self.operations, value)
+            value = extras.array_elements.row_values(self.operations, value)
         if isinstance(e.type, (IntType, DurationType)) and isinstance(value, Linear):
             return value if isinstance(value, SymbolicInt) else self.operations.as_int(value)
         if isinstance(e.type, BoolType) and not isinstance(value, (bool, Proposition)):
@@ -428,15 +428,15 @@ class SymbolicReader(CodeReader):
         target = self.value(e.target, frame, rows=True)
         if isinstance(target, Rows):
             column = [row[e.index] for row in target.elements]
-            return extras.tables.element_at(self.operations, column, target.index)
+            return extras.array_elements.element_at(self.operations, column, target.index)
         return target[e.index]
 
     def _element_value(self, e: t.Index, frame: CallFrame) -> Value:
         target, index = self.value(e.target, frame, rows=True), self.value(e.index, frame)
         if isinstance(target, Rows):
-            return extras.tables.element_of_table(self.operations, target, index)
+            return extras.array_elements.element_of_table(self.operations, target, index)
         if isinstance(index, Linear):
-            return extras.tables.element_at(self.operations, target, index)
+            return extras.array_elements.element_at(self.operations, target, index)
         return target[in_range(index, len(target))]
 
     def _topic_value(self, e: t.TopicRead, _: CallFrame) -> Value:

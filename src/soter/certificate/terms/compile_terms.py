@@ -379,7 +379,7 @@ _ATOMS: dict[str, Callable[[AffineForms, Atom], tuple[Row, Ends]]] = {
     "min": _extreme_rule,
     "max": _extreme_rule,
     "any": lambda *values: extras.sc_locals_and_modes.any_rule(*values),  # noqa: PLW0108 - an extra
-    "table": lambda *values: extras.tables.table_rule(*values),  # noqa: PLW0108 - an extra
+    "table": lambda *values: extras.array_elements.table_rule(*values),  # noqa: PLW0108 - an extra
 }
 
 

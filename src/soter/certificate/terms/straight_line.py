@@ -155,7 +155,7 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
     "range_between": range_between,
     "range_after": range_after,
     "inside": lambda low, high, least, most: truth_bits(low >= least and high <= most, no=False),
-    "range_of_table": lambda *values: extras.tables.range_of_table(*values),  # noqa: PLW0108 - an extra
+    "range_of_table": lambda *values: extras.array_elements.range_of_table(*values),  # noqa: PLW0108 - an extra
     "range_max0": range_max0,
     "line_noisy_max0": line_noisy_max0,
     "line_or_range": line_or_range,

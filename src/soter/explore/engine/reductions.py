@@ -4,8 +4,8 @@ Purpose: a `ComposedSearch` searches parts alone that share nothing but time and
 and judges such a property on all combinations of what was noted at one time (docs/testing.md,
 "Joined parts"). With reduction `all`, `explore_by_quicker` begins two searches: one stores only
 ends of instants and combines what groups of actors do, the other stores what lies between, with
-ample sets; the one that came further after as many steps goes on. The choice reads no clock, so it is the same
-everywhere.
+ample sets; the one that came further after as many steps goes on. The choice reads no clock:
+it is the same everywhere.
 Non-goals: which parts there are (`model/exploration_plan.py`); verdicts, which are the same either
 way.
 """

@@ -1,9 +1,9 @@
 """The `Environment` that code reads while it is evaluated, and the rule of fair choices.
 
 Purpose: separates the meaning of code (`statements.py`) from its callers: the checker evaluates
-constants in an empty environment, the interpreter gives it a configuration. `allowed_picks` computes
-which of n alternatives a `fair choose` may take next, so that each is taken at least once in any 2n
-consecutive executions of that choice; both engines follow this rule.
+constants in an empty environment, the interpreter gives it a configuration. `allowed_picks`
+computes which of n alternatives a `fair choose` may take next, so that each is taken at least once
+in any 2n consecutive executions of that choice; both engines follow this rule.
 Non-goals: compile-time meaning of names: that is the scope the evaluator was made for; who picks
 among the allowed alternatives.
 

@@ -63,7 +63,7 @@ def wide_actions(systems: Iterable[System], bound: Mapping[str, object]) -> tupl
 def _wide_answers(
     system: System, component: Component, node: NodeSymbol, binding: BindingText
 ) -> Iterator[Diagnostic]:
-    from soter.native.bindings import policy_files  # noqa: PLC0415 - only then
+    from soter.native.extern_bindings import policy_files  # noqa: PLC0415 - only then
     from soter.simulate.externs.python_extern import node_answers  # noqa: PLC0415 - needs NumPy
 
     try:

@@ -2,7 +2,7 @@
 
 Purpose: `callables` loads what the externs of a system are bound to, in this process or in
 processes of their own. Every mistake is a diagnostic: X001 to X008.
-Non-goals: what is bound to what (`native/bindings.py`), loading Python (`python_extern.py`),
+Non-goals: what is bound to what (`native/extern_bindings.py`), loading Python (`python_extern.py`),
 calling C (`c_extern.py`), running.
 """
 
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
 from soter.language.load.named_files import binding_of
-from soter.native.bindings import (
+from soter.native.extern_bindings import (
     binding_text,
     file_hashes,
     is_c,
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from soter.language.model.system import System
-    from soter.native.bindings import Bindings, Extern
+    from soter.native.extern_bindings import Bindings, Extern
 
 POLICY_MEMORY = 2 * 2**30
 """How many bytes the process of a policy may take beyond those it begins with."""

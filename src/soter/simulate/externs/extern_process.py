@@ -36,7 +36,7 @@ from soter.language.model.types import (
     RecordType,
 )
 from soter.language.model.values import inputs_to_python
-from soter.native.bindings import policy_files
+from soter.native.extern_bindings import policy_files
 from soter.report.wording import visible
 from soter.semantics.externs import Converted, convert_answer
 from soter.simulate.externs.python_answers import PlainError, failure_text

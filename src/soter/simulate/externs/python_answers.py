@@ -2,7 +2,7 @@
 
 Purpose: `ExternAnswers` reads inputs out of a state, calls, and writes the answer struct; every
 failure is the fault `extern`, never a traceback.
-Non-goals: finding callables (`native/bindings.py`), running them elsewhere (`workers/`).
+Non-goals: finding callables (`native/extern_bindings.py`), running them elsewhere (`workers/`).
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ for, with types. With `clip`, as in `soter.remote`, a number that is too large b
 that the topic takes; what is not finite is still refused. `call_outside` keeps for the externs the
 current folder and the depth of recursion that they set, and restores the processor's rounding;
 `end_copy` ends a process that an extern forked when the call ends.
-Non-goals: which extern it answers (`native/bindings.py`), what its answers mean
+Non-goals: which extern it answers (`native/extern_bindings.py`), what its answers mean
 (`language/model/values.py`), crashes of the process, code that never returns (`workers/`); threads,
 signals and files that an extern leaves behind; mistakes inside of the extern, which Python's own
 words and line tell best.
@@ -34,7 +34,7 @@ from soter.diagnostics.system_texts import reason
 from soter.language.evaluate.arithmetic import restore_plain
 from soter.language.load.named_files import read_bytes
 from soter.language.model.values import without_ranges
-from soter.native.bindings import FilePolicy
+from soter.native.extern_bindings import FilePolicy
 from soter.semantics.externs import Converted, Stop, convert_answer, step_function
 from soter.semantics.publication_gate import clip_to_set
 from soter.simulate.externs.python_answers import MisuseError, PlainError, failure_text

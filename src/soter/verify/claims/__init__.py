@@ -3,6 +3,6 @@
 - `claims.py` asks the claims of a case (`grid/case.py`), group by group.
 - `start.py` is the claim about the start: where SC gets control, and what it does on defaults.
 - `product_sets.py` checks what is claimed of all groups together.
-- `choice.py` chooses cells and levels that a program leaves open.
+- `choose_cells_and_levels.py` chooses cells and levels that a program leaves open.
 - `results.py`: the verdicts, and the sets behind them, as plain data.
 """

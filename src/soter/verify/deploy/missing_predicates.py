@@ -26,7 +26,7 @@ from soter.language.model.typed import Literal, TypedUnary
 from soter.language.model.types import BOOL
 from soter.native.cache import SOTER, digest, files_below, find_cached, new_entry
 from soter.verify.claims import claims
-from soter.verify.claims.choice import choose_cells_and_levels, with_way_back
+from soter.verify.claims.choose_cells_and_levels import choose_cells_and_levels, with_way_back
 from soter.verify.claims.claims import compute_levels
 from soter.verify.deploy.level_tables import (
     GroupTable,

@@ -5,7 +5,7 @@ problems, the claims at which it may help, and its cost. A changed `Problem` is 
 changed program would have; there is none where that is no problem, or where the module cannot be
 read again from its verification system alone (views, `abstracts`, modes, a fail-safe law).
 `remedies` gives the changes for a module; `with_other_periods` the problem with other periods, for
-`advice.py`.
+`period_advice.py`.
 Non-goals: verdicts: nothing here is claimed of the declared problem; which change helps
 (`tried_remedies.py`); laws, plants and predicates of another shape; changing the program's text;
 fewer cells (`grid/grid_refinement.py`).
@@ -24,7 +24,7 @@ from soter.language.elaborate.derived_systems import with_module
 from soter.language.elaborate.passes.step_times import least_age_ns
 from soter.language.model.typed import Literal, RestSymbol
 from soter.language.model.types import DURATION, show_ns
-from soter.verify.claims.choice import CELLS_MAX
+from soter.verify.claims.choose_cells_and_levels import CELLS_MAX
 from soter.verify.diagnosis.changed_runs import NARROWER
 from soter.verify.diagnosis.model_runs import TRUE, PointModel
 from soter.verify.grid.grid_refinement import cell_count, with_smaller_cells

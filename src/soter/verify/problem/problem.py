@@ -290,7 +290,7 @@ class Problem:
     """The groups as the program has them, if smaller cells were chosen; else empty."""
     levels: int = LEVELS_DEFAULT
     levels_open: bool = False
-    """Whether the program leaves that number open: it is chosen (`verify/claims/choice.py`)."""
+    """Whether the program leaves that number open: `choose_cells_and_levels.py` chooses it then."""
     cells_open: bool = True
     """Whether smaller cells than declared may be chosen there."""
     has_core_hint: bool = False

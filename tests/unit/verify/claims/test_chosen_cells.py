@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 import soter
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_of
-from soter.verify.claims import choice as chooser
+from soter.verify.claims import choose_cells_and_levels as chooser
 from soter.verify.deploy import missing_predicates
 from soter.verify.grid import claims as grid_claims
 from soter.verify.grid import sets

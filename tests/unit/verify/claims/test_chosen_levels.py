@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 import soter
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_of
-from soter.verify.claims import choice as chooser
-from soter.verify.claims.choice import OF_LEVELS
+from soter.verify.claims import choose_cells_and_levels as chooser
+from soter.verify.claims.choose_cells_and_levels import OF_LEVELS
 from soter.verify.deploy import missing_predicates
 from soter.verify.problem.extract import extract
 from unit.certificate import small_proofs

@@ -13,8 +13,8 @@ import pytest
 import soter
 from soter.api import recheck
 from soter.language.front_end import check_file, system_of
-from soter.verify.advice import sweep_periods
 from soter.verify.deploy.missing_predicates import complete
+from soter.verify.period_advice import sweep_periods
 from soter.verify.problem.extract import extract
 from soter.verify.problem.problem import assumption_texts
 from soter.verify.scope import problem_key

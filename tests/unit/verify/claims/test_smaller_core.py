@@ -18,7 +18,7 @@ from soter.api import recheck
 from soter.certificate.report import REJECTED
 from soter.cli.main import main
 from soter.language.front_end import check_file, system_of
-from soter.verify.claims import choice
+from soter.verify.claims import choose_cells_and_levels
 from soter.verify.claims.results import PROVED, UNDECIDED
 from soter.verify.deploy import missing_predicates
 from soter.verify.deploy.level_tables import Estimates
@@ -99,7 +99,7 @@ def test_what_is_not_led_back_is_no_part_of_k_and_the_rest_is_accepted(
     assert result.findings["P2b"].verdict == PROVED
     assert (less <= whole).all()
     lost = int((whole & ~less).sum())
-    assert 0 < lost <= choice.SHRINK_MAX * whole.sum()
+    assert 0 < lost <= choose_cells_and_levels.SHRINK_MAX * whole.sum()
     assert sum(f"{lost} of" in n and GIVEN_UP in n for n in result.notes) == 1
     assert (result.cases[0].groups[0].finer is not None) == finer
     (tmp_path / "slot.soter").write_text(DECLARED)
@@ -141,9 +141,11 @@ def test_where_too_much_would_be_lost_all_is_as_it_was(
     """Of length 4 more than a tenth of K; of length 8, as is made up here, the start."""
     _only(monkeypatch, length)
     with monkeypatch.context() as patch:
-        patch.setattr(choice, "_is_start_shown", lambda case: "given_up" not in case.counts)
+        patch.setattr(
+            choose_cells_and_levels, "_is_start_shown", lambda case: "given_up" not in case.counts
+        )
         asked = _verified(DECLARED)
-    monkeypatch.setattr(choice, "ROUNDS", 0)
+    monkeypatch.setattr(choose_cells_and_levels, "ROUNDS", 0)
     never = _verified(DECLARED)
     assert asked.findings["P2b"].verdict == UNDECIDED
     assert not any(GIVEN_UP in n for n in asked.notes)

@@ -15,7 +15,7 @@ from soter.verify import verify_module as verifying
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from soter.verify.advice import Advice
+    from soter.verify.period_advice import Advice
 
 
 @pytest.fixture(scope="module")

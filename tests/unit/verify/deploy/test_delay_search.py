@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 import soter
 from soter.cli.main import main
 from soter.language.front_end import check_file, system_of
-from soter.verify import advice as delay_search
-from soter.verify.advice import CLOSE, FIRST, TRIES_MAX, largest_delay
+from soter.verify import period_advice as delay_search
+from soter.verify.period_advice import CLOSE, FIRST, TRIES_MAX, largest_delay
 
 CART = "examples/wall/cart.soter"
 DECLARED_NS, SC_NS = 1_000_000, 10_000_000

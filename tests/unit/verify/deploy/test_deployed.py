@@ -9,7 +9,7 @@ import pytest
 
 from soter.language.front_end import check_file, system_of
 from soter.verify import verify_module as verifying
-from soter.verify.claims import choice
+from soter.verify.claims import choose_cells_and_levels
 from soter.verify.claims.claims import make_tables
 from soter.verify.claims.results import PROVED, UNDECIDED
 from soter.verify.deploy.missing_predicates import complete
@@ -73,7 +73,7 @@ def test_sc_that_rests_where_the_table_never_gives_control_back_is_not_proved(
         module_result.findings["ttf"].verdict == module_result.findings["safer"].verdict == PROVED
     )
     assert module_result.findings["P2b"].verdict == UNDECIDED
-    monkeypatch.setattr(choice, "make_tables", each_alone)
+    monkeypatch.setattr(choose_cells_and_levels, "make_tables", each_alone)
     assert result_of().findings["P2b"].verdict == PROVED, "each case for itself would return"
 
 

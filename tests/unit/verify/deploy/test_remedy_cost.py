@@ -10,7 +10,7 @@ import pytest
 
 import soter
 from soter.cli.main import main
-from soter.verify.claims.choice import CELLS_MAX
+from soter.verify.claims.choose_cells_and_levels import CELLS_MAX
 from soter.verify.diagnosis import tried_remedies
 from unit.verify.diagnosis.tank_modules import TANK, changed
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from soter.verify.claims import choice
+from soter.verify.claims import choose_cells_and_levels
 from soter.verify.diagnosis import open_claims, tried_remedies
 from unit.verify.diagnosis.tank_modules import cause, changed, explained
 
@@ -20,14 +20,14 @@ def test_no_cell_inside_safe_is_told_apart() -> None:
 
 @pytest.mark.long
 def test_a_k_that_no_run_leaves_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(choice, "SIZES", ())
+    monkeypatch.setattr(choose_cells_and_levels, "SIZES", ())
     module_result = explained(changed(("/ 320", "/ 4")))
     assert module_result.findings["P2a"].leaving is None
     assert dict(cause(module_result, "P2a", "no_run").numbers)["runs"] > 10
 
 
 def test_sc_is_not_blamed_where_no_run_leaves(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(choice, "SIZES", ())
+    monkeypatch.setattr(choose_cells_and_levels, "SIZES", ())
     monkeypatch.setattr(open_claims, "RUNS_S", 0.5)
     finding = explained(changed(("/ 320", "/ 4"))).findings["P2a"]
     assert finding.text == "K is empty: but no run of the model was seen to leave C"
@@ -36,7 +36,7 @@ def test_sc_is_not_blamed_where_no_run_leaves(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_without_time_there_is_a_verdict_and_no_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(choice, "SIZES", ())
+    monkeypatch.setattr(choose_cells_and_levels, "SIZES", ())
     monkeypatch.setattr(tried_remedies, "LEAST_S", 0.0)
     monkeypatch.setattr(tried_remedies, "OF_PROOF", 0.0)
     monkeypatch.setattr(tried_remedies, "SHOWN_S", 0.0)
@@ -49,7 +49,7 @@ def test_an_invariant_that_fails_in_a_trial_is_a_defect(monkeypatch: pytest.Monk
     def broken(*_: object) -> None:
         raise AssertionError("an invariant")
 
-    monkeypatch.setattr(choice, "SIZES", ())
+    monkeypatch.setattr(choose_cells_and_levels, "SIZES", ())
     monkeypatch.setattr("soter.verify.diagnosis.tried_remedies.worst_vacuity", broken)
     monkeypatch.setattr("soter.verify.diagnosis.tried_remedies.with_merged_cells", broken)
     with pytest.raises(AssertionError, match="an invariant"):

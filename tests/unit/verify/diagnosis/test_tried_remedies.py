@@ -11,7 +11,7 @@ import pytest
 import soter
 from soter.api import Program
 from soter.cli.main import main
-from soter.verify.claims import choice
+from soter.verify.claims import choose_cells_and_levels
 from soter.verify.claims.results import ProofSearch, Try
 from soter.verify.diagnosis import open_claims, tried_remedies, variations
 from soter.verify.diagnosis.tried_remedies import ordered_trials
@@ -98,7 +98,7 @@ def first_help(result: ModuleResult) -> str:
 def test_fewer_levels_are_no_advice_where_the_program_says_how_many(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setitem(choice.CELLS_MAX, "P2b", 0)  # else smaller ones are chosen
+    monkeypatch.setitem(choose_cells_and_levels.CELLS_MAX, "P2b", 0)  # else smaller ones are chosen
     result = explained(changed(*COARSE, ("/ 16;", "/ 16; levels 3;")))
     assert [n for n, f in result.findings.items() if not f.holds] == ["P2b"]
     assert not any("levels" in text for text in result.findings["P2b"].tried)
@@ -174,7 +174,9 @@ def test_an_sc_that_keeps_nothing_beside_an_ac_that_does_not_either_is_not_excha
 
 
 def test_what_there_was_no_time_for_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(choice.CELLS_MAX, "P2b", 20)  # else smaller ones are chosen
+    monkeypatch.setitem(
+        choose_cells_and_levels.CELLS_MAX, "P2b", 20
+    )  # else smaller ones are chosen
     monkeypatch.setattr(tried_remedies, "LEAST_S", 0.0)
     monkeypatch.setattr(tried_remedies, "OF_PROOF", 0.0)
     monkeypatch.setattr(tried_remedies, "SHOWN_S", 0.0)
