@@ -279,7 +279,7 @@ def test_another_soter_compiler_python_or_package_is_another_question(
     assert stored
     changes: dict[str, Any] = {
         "soter_sha256": lambda: "0" * 64,
-        "find": lambda: Compiler(("cc",), "another"),
+        "find_compiler": lambda: Compiler(("cc",), "another"),
         "version": lambda name: "0" if name == "numpy" else version(name),
     }
     for name, other in changes.items():
