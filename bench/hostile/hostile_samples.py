@@ -122,7 +122,7 @@ MORE = (
 
 def _channels(file: str) -> int:
     """What `soter.remote` reads of a package, so that a policy may write to its channels."""
-    from soter.remote.topics import find_topics  # noqa: PLC0415 - only then
+    from soter.remote.channels_json import find_topics  # noqa: PLC0415 - only then
 
     return len(find_topics(file, None).all) and 0
 

@@ -34,7 +34,7 @@ from soter.diagnostics.diagnostic import SoterError  # noqa: E402
 from soter.language.elaborate.views_for_proofs import systems_by_view  # noqa: E402
 from soter.language.front_end import check_file  # noqa: E402
 from soter.report.tables import table  # noqa: E402
-from soter.targets.leases_and_lateness import lease_times  # noqa: E402
+from soter.targets.leases import lease_times  # noqa: E402
 from soter.verify.chosen_modules import modules_of  # noqa: E402
 from soter.verify.command import verify  # noqa: E402
 from soter.verify.problem.extract import extract  # noqa: E402

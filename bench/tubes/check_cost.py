@@ -27,7 +27,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT))
 
 import soter  # noqa: E402 - needs the path
-from soter.api.deploying import built_image, stack_bound  # noqa: E402
+from soter.api.deploy.building import built_image, stack_bound  # noqa: E402
 from soter.codegen.unit import generate  # noqa: E402
 from soter.diagnostics.diagnostic import SoterError  # noqa: E402
 from soter.language.front_end import check_file, system_of, system_to_prove  # noqa: E402

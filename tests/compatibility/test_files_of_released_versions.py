@@ -21,12 +21,8 @@ from soter.certificate.reading.folder import canonical_json
 from soter.certificate.report import ACCEPTED, NOT_RECHECKED
 from soter.cli.main import main
 from soter.diagnostics.diagnostic import Severity
-from soter.mapping.read_mapping import (
-    make_log_map,
-    named_system,
-    read_mapping,
-)
-from soter.remote.topics import find_topics
+from soter.mapping.read_mapping import make_log_map, named_system, read_mapping
+from soter.remote.channels_json import find_topics
 from tables import all_rows
 
 if TYPE_CHECKING:

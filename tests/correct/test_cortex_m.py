@@ -23,20 +23,20 @@ from generators.engine_comparison import subject
 from generators.random_programs import program
 from generators.shipped_programs import ROOT, subjects_of
 from long_tests import examples, seeds, some
-from soter.api.deploying import recorded_inputs, recording_text, replayed_sha256
+from soter.api.deploy.host_replay import recorded_inputs, recording_text, replayed_sha256
 from soter.core.steps import lower
 from soter.diagnostics.diagnostic import SoterError
 from soter.simulate.run import NativeProgram, run_interpreted
-from soter.targets import cortex_m_package as target
 from soter.targets.cortex_m_board import SOFT, Replay, parsed_board, read_board
-from soter.targets.cortex_m_package import build_image
+from soter.targets.cortex_m_image import COUNTS, build_image, missing_tools
+from soter.targets.cortex_m_package import cortex_m_package
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from generators.engine_comparison import Subject
     from soter.targets.cortex_m_board import Board
-    from soter.targets.cortex_m_package import Image
+    from soter.targets.cortex_m_image import Image
     from soter.targets.package import Package
 
 BOARDS = ("mps2-an386", "mps2-an500")
@@ -71,7 +71,7 @@ def board(request: pytest.FixtureRequest) -> Board:
 def wanted(name: str) -> Board:
     """A board for which an image can be made and run; else the test says what is missing."""
     found = read_board(name)
-    missing = target.missing_tools(found)
+    missing = missing_tools(found)
     if not missing and shutil.which("qemu-system-arm") is None:
         missing = "there is no `qemu-system-arm`"
     if missing:
@@ -89,7 +89,7 @@ def package_of(s: Subject, board: Board, folder: Path) -> Package:
     here = NativeProgram(s.system).run(s.until_ns, s.seed, hash_trace=True).trace_sha256
     assert here
     replay = Replay(s.until_ns, s.seed, here)
-    return target.cortex_m_package(s.system, lower(s.system), folder, board, replay).write()
+    return cortex_m_package(s.system, lower(s.system), folder, board, replay).write()
 
 
 def image_of(s: Subject, board: Board, folder: Path) -> Image:
@@ -348,7 +348,7 @@ def test_instructions_are_the_same_in_ten_runs(board: Board, tmp_path: Path) -> 
     package = package_of(example(EXAMPLES["cart"]), board, tmp_path)
     said = {make(package.folder, "-s", "run").stdout for _ in range(10)}
     assert len(said) == 1
-    counts = target.COUNTS.findall(said.pop())
+    counts = COUNTS.findall(said.pop())
     assert [name for name, *_ in counts] == [
         "",
         "c",

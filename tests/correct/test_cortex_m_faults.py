@@ -22,7 +22,7 @@ from soter.language.front_end import check_file, system_of
 from soter.simulate.run import NativeProgram
 from soter.targets.cortex_m_board import Replay
 from soter.targets.cortex_m_package import cortex_m_package
-from soter.targets.leases_and_lateness import takeover_bounds
+from soter.targets.takeover_bounds import takeover_bounds
 from tables import all_rows
 
 if TYPE_CHECKING:

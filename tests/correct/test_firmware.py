@@ -16,7 +16,7 @@ import soter
 from generators.c_packages import EXAMPLES, make, package
 from long_tests import examples, seeds
 from processes import PIPE
-from soter.api.deploying import stack_bound
+from soter.api.deploy.building import stack_bound
 from soter.core.layout import state_layout
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.native.compiler import MEANING, WARNINGS, find_compiler

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter import load
-from soter.api.deploying import stack_bound
+from soter.api.deploy.building import stack_bound
 from soter.codegen.unit import generate
 from soter.language.front_end import check_file, system_of
 from soter.simulate.run import NativeProgram, run_interpreted

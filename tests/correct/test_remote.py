@@ -31,7 +31,7 @@ from soter.core.layout import encode_into, size_of
 from soter.language.model.types import FLOAT, INT_MIN, ArrayType, FloatType, ListType, RecordType
 from soter.language.model.values import to_python
 from soter.native.compiler import WARNINGS, find_compiler
-from soter.remote.topics import Channel
+from soter.remote.channel import Channel
 from soter.targets.firmware_interface import described_type
 from soter.targets.world_interface import number_of_layout
 

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 
 import processes
 import soter
-from soter.api.deploying import built_image, stack_bound
+from soter.api.deploy.building import built_image, stack_bound
 from soter.native.cache import cached, digest
 from soter.native.compiler import find_compiler
 

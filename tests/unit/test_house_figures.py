@@ -163,6 +163,7 @@ def test_an_add_on_imports_the_core_and_what_it_says_it_needs() -> None:
 
 ROOMS = {
     "src/soter/cli": (18, "a file a command, found by its name"),
+    "src/soter/targets": (18, "a file a target, found by its name, and what targets share"),
     "src/soter/runtime/posix": (
         25,
         "three programs over two channels; all of it ships as one folder",

@@ -7,11 +7,13 @@ nor cffi.
 Non-goals: printing, exit codes (`cli/`). In reading order:
 
 - `program.py`: `load`, and `Program`, whose methods call most of the other files.
-- `arguments.py` checks what callers give: times, parameters, modules, paths.
-- `check_report.py` makes the report of `check`; `diagrams.py` has the diagram of `soter show`.
+- `arguments.py` checks what callers give: times, parameters, modules, sources; `output_files.py`
+  what they name for output; `computed_ttf.py` computes predicates that modules leave out.
+- `check_report.py` makes the report of `check`; `measured_times.py` reads files of execution times;
+  `diagrams.py` has the diagram of `soter show`.
 - `running.py` runs a system with its externs bound (`simulate`).
 - `exploring.py` explores tests; `rechecking.py` checks certificates again, and replays traces.
-- `deploying.py` builds packages, and says which proof a deployed system inherits.
+- `deploy/` builds packages, and says which proof a deployed system inherits.
 - `comparing.py` says what a change of a program leaves standing.
 - `buffer_advice.py` says how far from a fence a decision module takes over.
 - `measuring.py` measures times of steps, or counts instructions on an emulated board.
@@ -27,7 +29,7 @@ import sys
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from soter.api.arguments import format_text, read_text, require_writers
+from soter.api.arguments import format_text, read_text
 from soter.api.check_report import (
     CheckReport,
     ModuleReport,
@@ -37,6 +39,7 @@ from soter.api.check_report import (
     ThreadRow,
     TimingReport,
 )
+from soter.api.output_files import require_writers
 from soter.api.program import Program, load
 from soter.diagnostics.diagnostic import SoterError
 

@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.api.arguments import chosen_modules, compute_ttf
+from soter.api.arguments import chosen_modules
+from soter.api.computed_ttf import compute_ttf
 from soter.codegen.unit import generate
 from soter.diagnostics.current_phase import telling_shares
 from soter.diagnostics.diagnostic import mistake

@@ -15,11 +15,13 @@ from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.api.arguments import end_ns, require_writable, time_ns
-from soter.campaign.arms import OURS, PAPER, Arm, Lateness, find_arms, stored_lateness
+from soter.api.arguments import end_ns, time_ns
+from soter.api.output_files import require_writable
+from soter.campaign.arms import OURS, PAPER, Arm, find_arms
 from soter.campaign.batch_flights import Fleet
 from soter.campaign.fly_campaign import RayCluster, fly, fly_batches, join_cluster, require_ray
 from soter.campaign.page import write_page
+from soter.campaign.release_lateness import Lateness, stored_lateness
 from soter.campaign.result import ORDER, Campaign, FlownArm, attributions, count_faults, make_result
 from soter.campaign.store import CampaignIdentity, CampaignStore, write_parquet
 from soter.diagnostics.diagnostic import Diagnostic, Severity, SoterError, mistake

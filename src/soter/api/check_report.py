@@ -2,34 +2,28 @@
 
 Purpose: `check_report` makes a `CheckReport` of a checked program; `timing_reports` makes a
 `TimingReport` for each system with execution times: its trusted thread, and P1c of its modules.
-Non-goals: checking (`soter.language`), the analysis of times (`soter.timing`,
-`soter.verify.problem`), printing (`cli/`).
+Non-goals: checking (`soter.language`), files of times (`measured_times.py`), the analysis of times
+(`soter.timing`, `soter.verify.problem`), printing (`cli/`).
 """
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, Severity, mistake
-from soter.language.elaborate.passes.system_numbers import MAX_PERIOD_NS
-from soter.language.load.named_files import read_json_text
-from soter.version import other_format
+from soter.addons import by_name
+from soter.api.measured_times import enter_times
+from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, Severity
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+    from pathlib import Path
 
     from soter.language.front_end import CheckResult
     from soter.language.model.system import Module, System
     from soter.language.model.typed import TypedProgram
     from soter.timing.trusted_thread import Timing
     from soter.verify.problem.switch_latency import SwitchLatency
-
-
-TIMES_FORMAT = 1
-"""Version of the format of the files that `soter measure` writes."""
 
 
 @dataclass(frozen=True)
@@ -86,55 +80,6 @@ class TimingReport:
     assumed: str = ""
 
 
-def read_times(path: str | Path) -> tuple[str, str, dict[str, int], str]:
-    """Reads a file of times: program hash, system, `wcet_ns` by component, and `assumed`.
-
-    `SoterError` U011 if it is no such file; OSError if it cannot be read.
-    """
-    why = ""
-    try:
-        document = json.loads(read_json_text(Path(path)))
-        wcet_by_component = {s["name"]: s["wcet_ns"] for s in document["steps"]}
-        why = other_format(document["schema"], TIMES_FORMAT)
-        sound = not why and all(
-            isinstance(n, str) and type(ns) is int and 0 < ns <= MAX_PERIOD_NS
-            for n, ns in wcet_by_component.items()
-        )
-        program, system = str(document["program_sha256"]), str(document["system"])
-        assumed = str(document.get("assumed", ""))
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        sound = False
-    if not sound:
-        notes = (*((why,) if why else ()), "`soter measure` writes one")
-        raise mistake("U011", f"`{path}` is no file of times", notes=notes)
-    return program, system, wcet_by_component, assumed
-
-
-def add_times(systems: Mapping[str, System], path: str | Path, sha256: str) -> dict[str, str]:
-    """Gives components without `wcet` the one of a file; `SoterError` U011 as `read_times`.
-
-    Returns what these times assume, by name of a system. U011 also if the file is of a program with
-    another hash than `sha256`, or of a system or components that this program does not have.
-    """
-    program, name, times, assumed = read_times(path)
-    components = systems[name].components if name in systems else ()
-    unknown = [n for n in times if n not in {c.name for c in components}]
-    note = ""
-    if program != sha256:
-        note = f"it has those of program {program[:12]}, and this one is {sha256[:12]}"
-    elif name not in systems:
-        note = f"it has those of system `{name}`"
-    elif unknown:
-        note = f"it has those of `{unknown[0]}`, which is no part of system `{name}`"
-    if note:
-        message = f"`{path}` has no times of this program"
-        helps = ("measure what is there now: `soter measure`",)
-        raise mistake("U011", message, *helps, notes=(note,))
-    for c in components:
-        c.wcet_ns = times.get(c.name) if c.wcet_ns is None else c.wcet_ns
-    return {name: assumed}
-
-
 def timing_reports(
     systems: list[System], assumed: Mapping[str, str] | None = None
 ) -> tuple[tuple[TimingReport, ...], tuple[Diagnostic, ...]]:
@@ -163,7 +108,9 @@ def _switch_reports(system: System, diagnostics: Diagnostics) -> tuple[SwitchRep
     from soter.verify.problem.switch_latency import switch_latency_of  # noqa: PLC0415 - see `soter.api`
 
     switches = []
-    for at, module in _systems_of_proofs(system):
+    if system.proved is not None:
+        _enter_times_of_deployed(system, system.proved)
+    for at, module in _modules_with_plants(system):
         switch = switch_latency_of(at, module)
         for d in switch.diagnostics:
             diagnostics.add(d)
@@ -181,15 +128,19 @@ def _switch_reports(system: System, diagnostics: Diagnostics) -> tuple[SwitchRep
     return tuple(switches)
 
 
-def _systems_of_proofs(system: System) -> list[tuple[System, Module]]:
-    """Each module with its plants, of its system or of the one that this system deploys."""
-    proved = system.proved
-    if proved is None:
-        return [(system, m) for m in system.modules]
+def _enter_times_of_deployed(system: System, proved: System) -> None:
+    """Gives components of the proved system the times of those that are deployed."""
     known = {c.name: c for c in system.components}
     for c in proved.components:
         if c.name in known:
             c.wcet_ns, c.jitter_ns = known[c.name].wcet_ns, known[c.name].jitter_ns
+
+
+def _modules_with_plants(system: System) -> list[tuple[System, Module]]:
+    """Each module with the system that has its plants: its own, or the one that is deployed."""
+    proved = system.proved
+    if proved is None:
+        return [(system, m) for m in system.modules]
     modules = {m.name: m for m in proved.modules}
     return [(proved, modules[m.name]) for m in system.modules if m.name in modules]
 
@@ -327,11 +278,20 @@ def check_report(
 
         warnings += binding_warnings.binding_warnings(program, bound)
         warnings += binding_warnings.wide_actions(flat.values(), bound)
-    assumed = {} if times is None else add_times(flat, times, program.sha256)
+    assumed = {} if times is None else enter_times(flat, times, program.sha256)
     steps, refused = step_reports(program, flat)
     warnings += tuple(dict.fromkeys(refused))
     timings, untimely = timing_reports(list(flat.values()), assumed)
     return CheckReport(path, program.sha256, systems, warnings, steps, timings, untimely)
+
+
+def add_stale_monitors(checked: CheckResult) -> None:
+    """Adds D022 for each model monitor in a sound program that is made for another model."""
+    if not checked.ok or checked.loaded is None:
+        return
+    if any("soter monitor --emit" in file.source.text for file in checked.loaded.files):
+        for wrong in by_name("soter.monitor.emitted_monitors").stale_monitors(checked):
+            checked.diagnostics.add(wrong)
 
 
 def step_reports(

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from soter.addons import by_name
-from soter.api.arguments import write_sections
+from soter.api.output_files import write_sections
 from soter.api.rechecking import no_certificate_error
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import CheckResult, check_file, system_of, system_of_test

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.api.arguments import may_replace
+from soter.api.output_files import may_replace
 from soter.diagnostics.diagnostic import mistake
 
 if TYPE_CHECKING:

@@ -14,7 +14,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.api.arguments import compute_ttf, given_params, params_as_json, time_ns, write_test_page
+from soter.api.arguments import given_params, params_as_json, time_ns
+from soter.api.computed_ttf import compute_ttf
+from soter.api.output_files import write_test_page
 from soter.diagnostics.command_records import make_record
 from soter.diagnostics.diagnostic import Diagnostics, SoterError, mistake
 from soter.explore.assumptions import replacements_in_test

@@ -16,16 +16,9 @@ from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.api.arguments import (
-    chosen_modules,
-    given_params,
-    may_replace,
-    require_utf8,
-    require_writable,
-    time_ns,
-    write_sections,
-)
+from soter.api.arguments import chosen_modules, given_params, time_ns
 from soter.api.monitoring import mapped_record
+from soter.api.output_files import may_replace, require_utf8, require_writable, write_sections
 from soter.diagnostics.diagnostic import mistake
 from soter.language.load.identified_data import IDENTIFIED
 from soter.language.model.typed import Literal

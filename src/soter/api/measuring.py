@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.api.arguments import time_ns
-from soter.api.check_report import TIMES_FORMAT
+from soter.api.measured_times import TIMES_FORMAT
 from soter.diagnostics.command_records import JsonObject
 from soter.diagnostics.diagnostic import mistake
 from soter.measure import MARGIN, SAMPLES
@@ -94,7 +94,7 @@ def measure_on_board(
     `SoterError` as `Program.build` and `built_image`, U001 for a wrong factor, X004 if no image can
     be made or run here.
     """
-    from soter.api.deploying import built_image, stack_bound  # noqa: PLC0415 - of this function alone
+    from soter.api.deploy.building import built_image, stack_bound  # noqa: PLC0415 - of this function alone
     from soter.targets.cortex_m_board import read_board  # noqa: PLC0415 - the same
 
     _require_margin(margin)

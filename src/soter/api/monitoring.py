@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.api.arguments import chosen_modules, require_utf8
+from soter.api.arguments import chosen_modules
+from soter.api.output_files import require_utf8
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.elaborate.passes.step_times import is_measured
 from soter.language.evaluate.arithmetic import StepFault

@@ -12,22 +12,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from soter.addons import by_name
-from soter.api.arguments import (
-    add_stale_monitors,
-    chosen_modules,
-    compute_ttf,
-    end_ns,
-    format_text,
-    given_params,
+from soter.api.arguments import chosen_modules, end_ns, format_text, given_params, read_text
+from soter.api.check_report import CheckReport, add_stale_monitors, check_report
+from soter.api.computed_ttf import compute_ttf
+from soter.api.output_files import (
     opened_run_log,
-    read_text,
     require_no_certificate,
     require_utf8,
     require_writable,
     require_writers,
     write_advice,
 )
-from soter.api.check_report import CheckReport, check_report
 from soter.diagnostics.command_records import make_record, needless, takes
 from soter.diagnostics.current_phase import telling_shares
 from soter.diagnostics.diagnostic import Diagnostic, SoterError, mistake
@@ -248,7 +243,7 @@ class Program:
         `progress` is called with the share that is done. `SoterError` D015 if the mapping, D019,
         D020 if the certificate does not fit, X017 for an unknown board.
         """
-        from soter.api.deploying import build  # noqa: PLC0415 - see the docstring
+        from soter.api.deploy.building import build  # noqa: PLC0415 - see the docstring
 
         require_utf8(output, cert, mapping, board)
         fresh, completed = self.declared(system, params), partial(self._completed, system, params)

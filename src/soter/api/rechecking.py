@@ -14,7 +14,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.api.arguments import compute_ttf, params_from_json, write_trace_page
+from soter.api.arguments import params_from_json
+from soter.api.computed_ttf import compute_ttf
+from soter.api.output_files import write_trace_page
 from soter.diagnostics.current_phase import telling_shares
 from soter.diagnostics.diagnostic import SoterError, mistake
 from soter.language.evaluate.arithmetic import require_plain

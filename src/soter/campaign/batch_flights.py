@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.campaign.compiled_unit import make_recipe
+from soter.campaign.recipe import make_recipe
 from soter.campaign.store import FlightOutcome, MetricSample
 from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from soter.campaign.compiled_unit import Recipe
+    from soter.campaign.recipe import Recipe
     from soter.core.core import CoreSystem
     from soter.language.model.system import Component, System
 

@@ -1,17 +1,15 @@
 """The C of a system that a campaign flies: its program and its measures.
 
-Purpose: `UnitCache` adds to the generated program the table `<prefix>_measured` (soter_batch.h),
-and remembers the results of calls whose arguments have not changed (decision 108). `Recipe` is all
-that is needed to fly a system where neither the system nor its files are.
-Non-goals: flying (`batch_flights.py`).
+Purpose: `generate_measured` adds to the generated program the table `<prefix>_measured`
+(soter_batch.h), and has it remember the results of calls whose arguments have not changed
+(decision 108).
+Non-goals: what else is needed to fly it (`recipe.py`), flying (`batch_flights.py`).
 """
 
 from __future__ import annotations
 
-import os
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from soter.codegen import c_tree as c
 from soter.codegen import decisions
@@ -22,16 +20,10 @@ from soter.codegen.unit import UnitBuilder
 from soter.codegen.value_locations import MADE
 from soter.core.core import Call, Fact
 from soter.core.core_walks import operations_by_name, walk
-from soter.core.layout import size_of, state_dtype
+from soter.core.layout import size_of
 from soter.core.steps import lower
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.native.cache import cached, digest, included_files
-from soter.native.kept_state import why_it_keeps_state
-from soter.simulate.module_safe_check import extern_functions
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from soter.codegen.unit import Unit
     from soter.core.core import CoreSystem, Function, Predicate
     from soter.language.model.system import Metric, Property, System
@@ -41,85 +33,6 @@ NODES = ("node ", "module ")
 """How the driver of a topic begins that nodes publish."""
 
 
-@dataclass(frozen=True)
-class Recipe:
-    """What is flown, as plain data that can be sent.
-
-    `properties`, `components`: index and name; `forced`: whether each module is in AC from the
-    start; `bins`: how many each measure has, with those below and above; `keeps`: why the C of
-    externs may keep something from call to call, or ""; `files`: that C and what it includes, by
-    their paths where it was made.
-    """
-
-    unit: Unit
-    dtype: np.dtype[Any]
-    until_ns: int
-    horizon_ns: int
-    optimise: str
-    properties: tuple[tuple[int, str], ...]
-    components: tuple[tuple[int, str], ...]
-    forced: tuple[bool, ...]
-    bins: tuple[int, ...]
-    keeps: str
-    files: tuple[tuple[str, str], ...]
-
-
-def make_recipe(
-    system: System, core: CoreSystem, until_ns: int, *, horizon_ns: int = 0, optimise: str = "-O3"
-) -> Recipe:
-    """The recipe of a system; SoterError X003 if the C of an extern cannot be read."""
-    unit = generate_measured(system, core)
-    keeps = why_it_keeps_state(unit)
-    if keeps:
-        _require_stateless_c(system, core)
-        unit = generate_measured(system, core, remembers=False)
-    files = {str(p): t for p, t in included_files(*unit.c_sources).items()}
-    return Recipe(
-        unit=unit,
-        dtype=state_dtype(unit.layout),
-        until_ns=until_ns,
-        horizon_ns=horizon_ns,
-        optimise=optimise,
-        properties=tuple((p.index, f"{p.kind} {p.text}") for p in system.properties),
-        components=tuple((c.index, c.name) for c in system.components),
-        forced=tuple(m.forced == "ac" for m in system.modules),
-        bins=tuple(m.bins + 2 for m in system.measures),
-        keeps=keeps,
-        files=tuple(files.items()),
-    )
-
-
-def _require_stateless_c(system: System, core: CoreSystem) -> None:
-    """Raises SoterError U003 if a measure calls C that may keep state, as a run never calls it."""
-    extern = extern_functions(core)
-    for measure, value in zip(system.measures, core.measures, strict=True):
-        called = {x.function for x in walk((*value.body, value.value)) if isinstance(x, Call)}
-        if called & extern:
-            message = f"measure `{measure.name}` calls C that may keep something"
-            note = "a run does not look at measures, so a flight would be another one"
-            helps = ("let the function keep nothing, or measure what is in the state",)
-            raise SoterError((Diagnostic("U003", message, notes=(note,), helps=helps),))
-
-
-def unpack_recipe(recipe: Recipe) -> Recipe:
-    """The recipe on the machine that got it, with the C of its externs in the cache there."""
-    if not recipe.files:
-        return recipe
-    root = os.path.commonpath([str(Path(p).parent) for p, _ in recipe.files])
-    names = {p: str(Path(p).relative_to(root)) for p, _ in recipe.files}
-
-    def make(work: Path) -> None:
-        for path, text in recipe.files:
-            place = work / names[path]
-            place.parent.mkdir(parents=True, exist_ok=True)
-            place.write_text(text, encoding="utf-8", errors="surrogateescape")
-
-    content = digest([x for p, t in recipe.files for x in (names[p], t)])
-    folder = cached("sent", content, tuple(names.values()), make)
-    sources = tuple(str(folder / names[str(Path(s).resolve())]) for s in recipe.unit.c_sources)
-    return replace(recipe, unit=replace(recipe.unit, c_sources=sources), files=())
-
-
 def generate_measured(
     system: System, core: CoreSystem | None = None, *, remembers: bool = True
 ) -> Unit:
@@ -127,14 +40,14 @@ def generate_measured(
 
     `remembers`: calls whose arguments have not changed are not computed again.
     """
-    return UnitCache(system, core or lower(system), remembers=remembers).run()
+    return MeasuredUnitBuilder(system, core or lower(system), remembers=remembers).run()
 
 
 DEAR = 16
 """A DM's call is remembered if it may take so many operations for each word of its arguments."""
 
 
-class UnitCache(UnitBuilder):
+class MeasuredUnitBuilder(UnitBuilder):
     """Builds the unit of a system that is flown many times."""
 
     def __init__(self, system: System, core: CoreSystem, *, remembers: bool = True) -> None:
@@ -232,7 +145,7 @@ def _dear_calls(core: CoreSystem) -> frozenset[str]:
     A DM calls them at every period on what may not have changed for long, such as a plan.
     """
     functions = {f.name: f for f in core.functions}
-    asked = {
+    called = {
         x.function
         for d in core.decisions
         for predicate in (d.ttf, d.safer)
@@ -240,9 +153,9 @@ def _dear_calls(core: CoreSystem) -> frozenset[str]:
         if isinstance(x, Call)
     }
     known = operations_by_name(core.functions)
-    words = {n: sum(size_of(p.type) for p in functions[n].parameters) / 8 for n in asked}
+    words = {n: sum(size_of(p.type) for p in functions[n].parameters) / 8 for n in called}
     return frozenset(
-        n for n in asked if functions[n].source is None and words[n] and known[n] > DEAR * words[n]
+        n for n in called if functions[n].source is None and words[n] and known[n] > DEAR * words[n]
     )
 
 

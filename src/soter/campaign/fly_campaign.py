@@ -23,7 +23,7 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Protocol
 
 from soter.campaign.batch_flights import BATCH, Flyer
-from soter.campaign.compiled_unit import unpack_recipe
+from soter.campaign.recipe import unpack_recipe
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.evaluate.arithmetic import require_plain
 from soter.native.cache import digest, files_below
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from soter.campaign.batch_flights import Fleet
-    from soter.campaign.compiled_unit import Recipe
+    from soter.campaign.recipe import Recipe
     from soter.campaign.store import CampaignStore, FlightOutcome
 
     AskFlights = Callable[[Sequence[int], int], "PendingBatch"]

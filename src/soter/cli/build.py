@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
-from soter.api.deploying import built_image, stack_bound
+from soter.api.deploy.building import built_image, stack_bound
 from soter.cli.terminal.child_process import fork_into_child
 from soter.cli.terminal.command_outcome import CommandOutcome
 from soter.cli.terminal.console import Console, ProgressBar
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import argparse
 
     from soter.cli.terminal.command_line import Pairs
-    from soter.targets.cortex_m_package import Image
+    from soter.targets.cortex_m_image import Image
 
 PAGES = ", ".join(dict.fromkeys(t.page for t in TARGETS.values() if t.page))
 EXAMPLES = f"""\

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.api.arguments import write_sections
+from soter.api.output_files import write_sections
 from soter.cli.terminal.child_process import fork_into_child
 from soter.cli.terminal.ci_findings import CiFinding, Kind
 from soter.cli.terminal.command_line import Pairs, seed_number

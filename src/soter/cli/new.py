@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from soter.addons import by_name
 from soter.api import load
-from soter.api.arguments import require_utf8
+from soter.api.output_files import require_utf8
 from soter.cli.terminal.command_outcome import CommandOutcome
 from soter.cli.terminal.shared_options import file_option
 from soter.cli.tool.robot_kinds import texts_of_kind

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.api import recheck
-from soter.api.arguments import write_sections
+from soter.api.output_files import write_sections
 from soter.certificate import report as errors
 from soter.certificate.report import (
     ACCEPTED,

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.api.arguments import compute_ttf
+from soter.api.computed_ttf import compute_ttf
 from soter.core.layout import decode_from, encode_into, image_of_members
 from soter.gym.array_mapping import array_of_doubles
 from soter.gym.compiled_system import (

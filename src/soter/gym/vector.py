@@ -17,7 +17,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 import soter.api
-from soter.api.arguments import compute_ttf
+from soter.api.computed_ttf import compute_ttf
 from soter.gym import array_mapping
 from soter.gym.compiled_system import (
     CompiledEnvironment,

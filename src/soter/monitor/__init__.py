@@ -8,6 +8,7 @@ For logs of other systems `log_survey.py` says what one holds, `survey_drafts.py
 of a program from that, `typed_samples.py` reads by a
 mapping, `derived_signals.py` adds slopes, `decidable_modules.py` says which modules a log decides,
 `topics_heard.py` whether a read is young enough, `doubtful_topics.py` which topics are in doubt,
-`log_replay.py` runs their decision modules on it, `predicate_margins.py` tells how far they were
-from changing, and `log_judgement.py` has the results.
+`log_replay.py` runs their decision modules on it, `module_watch.py` notes what each decided,
+`predicate_margins.py` tells how far they were from changing, and `log_judgement.py` has the
+results.
 """

@@ -2,8 +2,9 @@
 
 Purpose: `replay_log` steps the DMs, and the trusted nodes before them, at their periods, as the
 reference interpreter does (`semantics/rules.py`), with topics of a log in place of plants,
-controllers and inputs; it keeps modes, counts and distances.
-Non-goals: SC and AC (somebody else flew), C, what a judgement means (`log_judgement.py`).
+controllers and inputs.
+Non-goals: SC and AC (somebody else flew), C, what is noted of a step (`module_watch.py`), what a
+judgement means (`log_judgement.py`).
 
 A mapped topic is published where its driver stands in the order of an instant: a plant's before the
 DMs, a node's after them. A DM, or a node, begins to step when all that reaches it of the log was
@@ -15,41 +16,32 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right
 from dataclasses import replace
 from itertools import chain
-from math import copysign, isinf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from soter.language.evaluate.arithmetic import StepFault
-from soter.language.evaluate.predicates import PredicateEvaluator
-from soter.language.evaluate.statements import Evaluator
 from soter.monitor.decidable_modules import topics_behind, topics_of_safe, writes_of_node
 from soter.monitor.doubtful_topics import doubt_notes
 from soter.monitor.log_files.log_columns import unusable
-from soter.monitor.log_judgement import LoggedModeChange, LogJudgement, ModuleOfLog, NearestMargin
-from soter.monitor.predicate_margins import PredicateMargins, PredicatePosition
+from soter.monitor.log_judgement import LogJudgement, ModuleOfLog
+from soter.monitor.module_watch import ModuleWatch
 from soter.monitor.topics_heard import TopicsHeard
 from soter.report.judged_curves import JudgedTimes
-from soter.semantics.configuration import AC, NEVER, DecisionVerdict, StepOutcome
+from soter.semantics.configuration import NEVER, StepOutcome
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.rules import ac_or_sc_step, dm_step, environment_input
-from soter.simulate.decisions import PredicateValues, decision_reason
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from soter.language.evaluate.environment import Environment
     from soter.language.model.system import Component, Module, System
     from soter.monitor.decidable_modules import Decidable
-    from soter.monitor.predicate_margins import Distance
     from soter.monitor.typed_samples import TopicSamples
     from soter.semantics.configuration import Configuration
     from soter.semantics.executable_system import ExecutableSystem
 
-
 STEPS_MAX = 20_000_000
 """Decisions that are replayed of one log; a thousand take half a second."""
-AGAINST = PredicatePosition(sense=-1.0)
-"""The place of `ttf`: the further it is from holding, the better."""
 
 
 def replay_log(
@@ -61,13 +53,10 @@ def replay_log(
 ) -> LogJudgement:
     """Steps all nodes and DMs of `plan` over the log; `progress` gets the share that is done.
 
-    Modes that the system forces are not: those DMs decide, too. Faults that the system declares are
-    left out, as what was wrong in a log is in the log.
+    Changes `system`: modes that it forces are not, as those DMs decide, too; faults that it
+    declares are left out, as what was wrong in a log is in the log.
     """
-    forced = tuple(m.name for m in system.modules if m.forced)
-    for m in system.modules:
-        m.forced = None
-    system.faults = ()
+    forced = _clear_forced_modes_and_faults(system)
     interpreter = Interpreter(system, 0, _unused_externs(system))
     started = [s for s in samples if not s.is_constant]
     from_ns, (begin_ns, to_ns) = min(s.from_ns for s in started), samples[0].log_ns
@@ -79,17 +68,26 @@ def replay_log(
     pairs = zip(system.modules, judged.modules, strict=True)
     for of_module in judged.modules:
         of_module.times = JudgedTimes(judged.from_s, judged.to_s)
-    watches = {m.index: _Watch(m, of_module) for m, of_module in pairs if of_module.decided}
+    watches = {m.index: ModuleWatch(m, of_module) for m, of_module in pairs if of_module.decided}
     world = _LogState(system, interpreter, samples, plan, judged, from_ns)
     world.watches = watches
     for ct in _release_times(system, plan, to_ns - from_ns):
-        world.replay_instant(ct, watches)
+        world.replay_instant(ct)
         if progress is not None:
             progress(ct / max(1, to_ns - from_ns))
-    world.take_remaining(to_ns - from_ns, watches)
+    world.take_remaining(to_ns - from_ns)
     begun = [w.first_s for w in watches.values() if w.first_s is not None]
     judged.from_s = min(begun, default=judged.from_s)
     return judged
+
+
+def _clear_forced_modes_and_faults(system: System) -> tuple[str, ...]:
+    """Returns the names of the modules whose modes were forced."""
+    forced = tuple(m.name for m in system.modules if m.forced)
+    for m in system.modules:
+        m.forced = None
+    system.faults = ()
+    return forced
 
 
 def _empty_judgement(
@@ -198,18 +196,18 @@ class _LogState:
             behind = topics_behind(system, plan.nodes, inputs) & mapped
             self.needs[m.dm] = behind | (inputs & written)
         self.aging = {s.topic.index for s in samples if not s.is_constant}
-        self.of_safe = {m.index: topics_of_safe(m) & written for m in system.modules}
+        self.safe_topics = {m.index: topics_of_safe(m) & written for m in system.modules}
         self.hearing = TopicsHeard.before_log(system, samples, plan)
         modules = [system.modules[i] for i in plan.modules]
         self.dm_rests = {m.index: self.hearing.sources_behind(m.inputs) for m in modules}
         self.safe_rests = {
-            m.index: self.hearing.sources_behind(self.of_safe[m.index]) for m in modules
+            m.index: self.hearing.sources_behind(self.safe_topics[m.index]) for m in modules
         }
-        self.watches: dict[int, _Watch] = {}
+        self.watches: dict[int, ModuleWatch] = {}
         self.unread: set[tuple[int, int]] = set()
         """Modules, and topics of their `safe` that no step has read since they were published."""
 
-    def replay_instant(self, ct: int, watches: dict[int, _Watch]) -> None:
+    def replay_instant(self, ct: int) -> None:
         """Publishes the samples before an instant, then steps everything in the deployed order."""
         due = [n for n in self.system.components if n.index in self.stepping and _is_due(n, ct)]
         self.c = replace(self.c, ct=ct, FN=tuple(n.index for n in due))
@@ -221,19 +219,22 @@ class _LogState:
         for n in self.system.components:
             self._feed_samples(n.index, ct)
             if n.index in released:
-                self._step_component(n, watches)
+                self._step_component(n)
 
-    def take_remaining(self, ct: int, watches: dict[int, _Watch]) -> None:
+    def take_remaining(self, ct: int) -> None:
         """Takes in the samples after the last step of all: refused, or too late for a DM."""
         self.c = replace(self.c, ct=ct)
         for feeds in self.at.values():
             for feed in feeds:
                 self._publish_samples(feed, feed.samples_before(ct + 1))
-        for m, watch in watches.items():
+        for m, watch in self.watches.items():
             for on in (self.dm_rests[m], self.safe_rests[m]):
                 for name, then in self.hearing.fell_silent(self.c, on).items():
-                    watch.found.last_heard[name] = max(0, then + self.from_ns) / 1e9
-            if self._is_heard(self.of_safe[m]) and self._reads_of_safe(m) != watch.asked_of:
+                    watch.module_log.last_heard[name] = max(0, then + self.from_ns) / 1e9
+            if (
+                self._is_heard(self.safe_topics[m])
+                and self._reads_of_safe(m) != watch.last_safe_reads
+            ):
                 env = self.machine.environment(self.c, self.system.components[watch.module.dm])
                 watch.note_late(env, (ct + self.from_ns) / 1e9)
 
@@ -241,7 +242,7 @@ class _LogState:
         return all(self.c.stamps[i] != NEVER for i in topics)
 
     def _reads_of_safe(self, module: int) -> list[object]:
-        return [(self.c.stamps[i], self.c.Topics[i]) for i in sorted(self.of_safe[module])]
+        return [(self.c.stamps[i], self.c.Topics[i]) for i in sorted(self.safe_topics[module])]
 
     def _feed_samples(self, driver: int, ct: int) -> None:
         for feed in self.at.get(driver, ()):
@@ -270,19 +271,21 @@ class _LogState:
     def _ask_safe_of_sample(self, c: Configuration, topic: int, modules: set[int]) -> None:
         """Asks `safe` of these modules about a sample that no step of their DMs reads."""
         for m in modules:
-            if topic in self.of_safe[m] and all(c.stamps[i] != NEVER for i in self.of_safe[m]):
+            if topic in self.safe_topics[m] and all(
+                c.stamps[i] != NEVER for i in self.safe_topics[m]
+            ):
                 watch = self.watches[m]
                 env = self.machine.environment(c, self.system.components[watch.module.dm])
                 watch.note_late(env, (c.stamps[topic] + self.from_ns) / 1e9)
 
-    def _step_component(self, n: Component, watches: dict[int, _Watch]) -> None:
+    def _step_component(self, n: Component) -> None:
         heard = self._is_heard(self.needs[n.index])
         if n.role == "dm":
             assert n.module is not None
             if heard:
-                self._step_dm(n, n.module, watches[n.module])
+                self._step_dm(n, n.module, self.watches[n.module])
             else:
-                watches[n.module].found.waiting += 1
+                self.watches[n.module].module_log.waiting += 1
             return
         if not heard:
             return  # it would tell the DM what the program begins with, not the log
@@ -292,23 +295,23 @@ class _LogState:
             text = f"{(self.c.ct + self.from_ns) / 1e9:.3f} s: {outcome.fault.detail}"
             self.judged.faulted.setdefault(n.name, text)
 
-    def _step_dm(self, n: Component, m: int, watch: _Watch) -> None:
+    def _step_dm(self, n: Component, m: int, watch: ModuleWatch) -> None:
         env = self.machine.environment(self.c, n)
         self.c, verdict = dm_step(self.machine, self.c, n.index)
         time_s = (self.c.ct + self.from_ns) / 1e9
         watch.note_decision(verdict, env, time_s)
         rests = self.hearing.rests_on_young_topics(self.c, self.dm_rests[m])
-        watch.found.silent += not (rests or verdict.stale)
+        watch.module_log.silent += not (rests or verdict.stale)
         too_old = not self.hearing.rests_on_young_topics(self.c, self.safe_rests[m])
-        for i in self.of_safe[m] | self.needs[n.index]:
+        for i in self.safe_topics[m] | self.needs[n.index]:
             topic, age = self.system.topics[i], self.c.ct - self.c.stamps[i]
             if topic.max_age_ns is not None:
-                too_old = too_old or (i in self.of_safe[m] and age > topic.max_age_ns)
+                too_old = too_old or (i in self.safe_topics[m] and age > topic.max_age_ns)
             elif i in self.aging:
                 self.judged.ageless[topic.name] = max(age, self.judged.ageless.get(topic.name, 0))
         self.unread = {each for each in self.unread if each[0] != m}
-        if self._is_heard(self.of_safe[m]):
-            watch.asked_of = self._reads_of_safe(m)
+        if self._is_heard(self.safe_topics[m]):
+            watch.last_safe_reads = self._reads_of_safe(m)
             if too_old:
                 watch.note_late(env, time_s)
             else:
@@ -354,103 +357,3 @@ class _Feed:
         for i in range(self.next, end):
             yield self.samples.stamps_ns[i] - self.from_ns, self.samples.values[i]
         self.next = max(self.next, end)
-
-
-class _Watch:
-    """Counts and measures the steps of one DM."""
-
-    def __init__(self, module: Module, module_log: ModuleOfLog) -> None:
-        self.module, self.found = module, module_log
-        evaluator = Evaluator.of(module.scope)
-        symbol = module.symbol
-        self.margins = PredicateMargins(PredicateEvaluator.of(module.scope))
-        self.ttf = None if symbol.ttf is None else self.margins.of(symbol.ttf, AGAINST)
-        self.of_safe = PredicateMargins(evaluator)
-        self.safe = None if module_log.blind else self.of_safe.of(symbol.safe)
-        self.asked_of: list[object] = []
-        """The stamps and values of which `safe` was last asked."""
-        self.first_s: float | None = None
-
-    def note_decision(self, verdict: DecisionVerdict, env: Environment, time_s: float) -> None:
-        """Notes a step of the DM; `env` is what the DM read."""
-        module_log = self.found
-        module_log.steps += 1
-        self.first_s = time_s if self.first_s is None else self.first_s
-        module_log.ac += verdict.after == AC
-        if verdict.before != verdict.after:
-            before, after = ("AC", "SC") if verdict.before == AC else ("SC", "AC")
-            saw = PredicateValues(verdict.ttf, verdict.safer, verdict.stale, verdict.gate_fault)
-            why = decision_reason(before, after, saw)  # type: ignore[arg-type]
-            module_log.changes.append(LoggedModeChange(time_s, after, why))
-        if verdict.stale:
-            module_log.stale += 1
-            return
-        module_log.ttf += verdict.ttf
-        module_log.safer += verdict.safer
-        module_log.nan_looks += verdict.nan
-        self._note_distances(env, time_s)
-
-    def _note_distances(self, env: Environment, time_s: float) -> None:
-        module_log = self.found
-        far = self._measured_distance(self.ttf, env)
-        if far is not None:
-            module_log.margin = _nearest_margin(
-                module_log.margin, -far.far, far, self.margins, time_s
-            )
-            for bound, distance in self.margins.seen.items():
-                text = self.margins.label_of_bound(bound)
-                last = module_log.bounds.get(text)
-                if last is None or distance < last.distance:
-                    module_log.bounds[text] = NearestMargin(distance, time_s, text)
-            self.margins.seen.clear()
-
-    def note_safe(self, env: Environment, time_s: float, *, fresh: bool) -> None:
-        """Asks `safe` of its reads, which are young enough; `fresh`: so are the DM's."""
-        holds = self._is_safe(env, time_s)
-        if holds is not None:
-            self.found.asked += 1
-            self.found.judged_steps += fresh
-            self.found.outside += not holds
-
-    def note_late(self, env: Environment, time_s: float) -> None:
-        """Asks `safe` of a sample that no step judges: too late, refused, or overwritten."""
-        self.found.outside_late += self._is_safe(env, time_s) is False
-
-    def _is_safe(self, env: Environment, time_s: float) -> bool | None:
-        """Whether `safe` holds, with its distance noted; None where `safe` faults."""
-        clear = self._measured_distance(self.safe, env)
-        if clear is None:
-            return None
-        found = self.found
-        found.clearance = _nearest_margin(found.clearance, clear.far, clear, self.of_safe, time_s)
-        holds = copysign(1.0, clear.far) > 0
-        assert found.times is not None
-        found.times.alarms[found.times.column_at(time_s)] += not holds
-        for bound, (value, *band) in self.of_safe.sides.items():
-            found.times.note_value(
-                self.of_safe.compared_signal(bound), time_s, value, band, alarm=not holds
-            )
-        self.of_safe.sides.clear()
-        if not holds and found.first_outside_s is None:
-            found.first_outside_s = time_s
-        return holds
-
-    def _measured_distance(
-        self, measure: Callable[[Environment], Distance] | None, env: Environment
-    ) -> Distance | None:
-        if measure is None:
-            return None
-        try:
-            return measure(env)
-        except StepFault:
-            self.found.faults += 1
-            return None
-
-
-def _nearest_margin(
-    before: NearestMargin | None, far: float, d: Distance, margins: PredicateMargins, time_s: float
-) -> NearestMargin:
-    if before is not None and before.distance <= far:
-        return before
-    bound = margins.label_of_bound(d.bound) if d.bound >= 0 and not isinf(far) else ""
-    return NearestMargin(far, time_s, bound)

@@ -8,7 +8,8 @@ Purpose: Python on the other side of the channels of target `posix` (docs/remote
 judged here to say early what is wrong; the gate judges them again and takes nobody's word for it.
 Non-goals: other machines; learning; anything that has to be on time.
 
-`robot.py` has what a policy calls; `topics.py` reads and writes the shared memory below it.
+`robot.py` has what a policy calls; `channels_json.py` finds the topics of a robot, `topics.py`
+turns their values into bytes, `channel.py` writes and reads these in shared memory.
 """
 
 from __future__ import annotations

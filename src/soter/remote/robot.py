@@ -22,7 +22,8 @@ from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.model.types import WrongTextError, duration_ns
-from soter.remote.topics import Channel, compiled_library, find_topics
+from soter.remote.channel import Channel, compiled_library
+from soter.remote.channels_json import find_topics
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -30,7 +31,8 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
-    from soter.remote.topics import Declared, Topic, Topics
+    from soter.remote.channels_json import Declared
+    from soter.remote.topics import Topic, Topics
 
     Write = Callable[[int, bytes], None]
 

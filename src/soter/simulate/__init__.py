@@ -15,7 +15,8 @@ While a run goes on:
 
 Afterwards:
 - `result.py`: a `Run` gives what happened by the names that people use.
-- `decisions.py` lists *what* each DM saw and did, step by step, and where SC would have led.
+- `decisions.py` lists *what* each DM saw and did, step by step; `tube_looks.py` where SC would have
+  led.
 - `explain_decision.py` finds *why* a DM decided so: which part of a predicate, on which values;
   `stale_reads.py` which topics were too old, and why.
 - `result_assumptions.py` says what a result takes for granted, and what it does not show.

@@ -4,7 +4,7 @@ Purpose: `report_page` collects signals of topics and plants, modes, decisions w
 violations and assumptions, for any program; `report/html.py` writes one HTML file of them. For a
 module with `rest` it shows the picture of where SC would lead.
 Non-goals: geometry: an example that moves through a scene fills the records itself; the boxes of
-that picture (`decisions.py`).
+that picture (`tube_looks.py`).
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ from soter.report.run.signals import SERIES_MAX, sorted_by_interest, value_serie
 from soter.report.run.where_sc_leads import LedLook, LedPicture
 from soter.report.wording import count_text, prose
 from soter.simulate import decisions
-from soter.simulate.decisions import compile_looks
 from soter.simulate.result_assumptions import run_assumptions
 from soter.simulate.run_observer import decided_rows
+from soter.simulate.tube_looks import compile_looks
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -41,8 +41,8 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from soter.language.model.system import Module
-    from soter.simulate.decisions import TubeLooks
     from soter.simulate.result import Run
+    from soter.simulate.tube_looks import TubeLooks
 
 
 TIMES = "\N{MULTIPLICATION SIGN}"

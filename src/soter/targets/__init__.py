@@ -6,11 +6,13 @@ C that packages take along as it is lies in `runtime/`. In reading order:
 - `package.py` has the table of targets, and writes a package without harming a person's files.
 - `c99.py`: target `c`, in virtual time with any C compiler.
 - `firmware_interface.py` writes the typed functions for a program in somebody's own loop.
-- `leases_and_lateness.py` writes leases of outputs, and says how late components may be.
+- `leases.py` writes leases of outputs; `late_limits.py` says how late components may be, and
+  `takeover_bounds.py` how long SC may take to stand in for an AC that does not answer.
 - `posix_package.py`: target `posix`, in real time; `world_interface.py` writes its tables of
   channels and actuators.
 - `cortex_m_package.py`: target `cortex-m`, a board without an operating system;
-  `cortex_m_board.py` reads the file of the board.
+  `cortex_m_board.py` reads the file of the board, `cortex_m_loop.py` writes the tables of its loop,
+  and `cortex_m_image.py` makes, runs and measures the image.
 - `bridge_base.py`: what the bridges to middlewares share; each is put beside a `posix` package.
 - `message_conversion.py` writes code that turns messages into values of topics and back.
 - `ros_packages.py`: targets `ros1` and `ros2`; `ros_sources.py` writes their C++.

@@ -21,8 +21,8 @@ from soter.codegen.unit import Unit, generate
 from soter.native.cache import included_files
 from soter.native.shared_library import FAULTS, RUNTIME
 from soter.targets.firmware_interface import RUNTIME_FILES, firmware_files, firmware_name
-from soter.targets.leases_and_lateness import FILES as LEASES
-from soter.targets.leases_and_lateness import lease_files, lease_notes, modules_with_law
+from soter.targets.leases import FILES as LEASES
+from soter.targets.leases import lease_files, lease_notes, modules_with_law
 from soter.targets.package import Package, PackageFile, filled_file, shipped_file
 
 if TYPE_CHECKING:

@@ -1,7 +1,7 @@
 """Reads a board: one C file with a memory map and the functions of `cortex_m/soter_board.h`.
 
 Purpose: `read_board` finds the file, reads its numbers, and refuses a memory map that cannot be.
-Non-goals: what its functions do; linking (`targets/cortex_m_package.py`).
+Non-goals: what its functions do; linking (`cortex_m_package.py`).
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ from soter.language.model.types import (
     Type,
     leaves,
 )
-from soter.targets.leases_and_lateness import AgeLimit, age_limits
+from soter.targets.late_limits import AgeLimit, age_limits
 from soter.targets.package import PackageFile
 
 if TYPE_CHECKING:

@@ -39,7 +39,7 @@ from soter.targets.bridge_base import (
     require_world,
     unmapped_notes,
 )
-from soter.targets.leases_and_lateness import lease_times
+from soter.targets.leases import lease_times
 from soter.targets.message_conversion import (
     FLOATS,
     INTEGERS,

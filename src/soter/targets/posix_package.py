@@ -23,9 +23,11 @@ from soter.native.shared_library import RUNTIME
 from soter.report.wording import changed_parameters
 from soter.targets import c99
 from soter.targets.firmware_interface import RUNTIME_FILES
-from soter.targets.leases_and_lateness import FILES as LEASES
-from soter.targets.leases_and_lateness import late_limits, lease_files, takeover_bounds
+from soter.targets.late_limits import late_limits
+from soter.targets.leases import FILES as LEASES
+from soter.targets.leases import lease_files
 from soter.targets.package import Package, PackageFile, filled_file, shipped_file
+from soter.targets.takeover_bounds import takeover_bounds
 from soter.targets.world_interface import (
     ACTUATOR,
     OUTSIDE,

@@ -5,7 +5,7 @@ programs: a channel for each external topic, and one for the commands with lease
 with a fail-safe law; and the files of the actuators' program, `NAME_actuator`. Other programs learn
 from `NAME_channels.h`, or from `channels.json` (`soter.remote`), of each topic its file, the number
 of its layout, who writes it, how a value lies in memory and in which set it is.
-Non-goals: the driver and the actuators (`runtime/posix/`), laws (`leases_and_lateness.py`), the
+Non-goals: the driver and the actuators (`runtime/posix/`), laws (`leases.py`), the
 text of the tables (templates in `posix/`), channels of leases and of reports of the trusted part.
 """
 
@@ -23,14 +23,8 @@ from soter.language.model.types import IntType, Type, leaves
 from soter.native.shared_library import RUNTIME
 from soter.targets import CHANNELS, CHANNELS_SCHEMA
 from soter.targets.firmware_interface import described_type, short_topic_names
-from soter.targets.leases_and_lateness import (
-    AgeLimit,
-    age_limits,
-    lease_names,
-    lease_note,
-    lease_times,
-    modules_with_law,
-)
+from soter.targets.late_limits import AgeLimit, age_limits
+from soter.targets.leases import lease_names, lease_note, lease_times, modules_with_law
 from soter.targets.package import PackageFile, filled_file
 
 if TYPE_CHECKING:

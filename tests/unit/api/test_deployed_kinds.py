@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 import soter
-from soter.api.deploying import FILE
+from soter.api.deploy.inheritance import FILE
 from soter.diagnostics.diagnostic import SoterError
 from soter.diagnostics.render import render_all
 

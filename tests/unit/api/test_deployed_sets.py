@@ -15,7 +15,7 @@ from test_deploying import PROVED, VEHICLE  # type: ignore[import-not-found]
 
 import soter
 from correct.test_shield import SMALL
-from soter.api import deploying
+from soter.api.deploy import inheritance
 from soter.certificate.reading.folder import read_certificate
 from soter.diagnostics.diagnostic import SoterError
 from soter.verify.deploy import missing_predicates
@@ -77,7 +77,7 @@ def test_sets_that_were_not_confirmed_are_computed(
     report = soter.recheck(proved / "cert")
     for module in report.modules:
         module.confirmed.remove(claim)
-    monkeypatch.setattr(deploying, "recheck", lambda *_: report)
+    monkeypatch.setattr(inheritance, "recheck", lambda *_: report)
     compute_nothing(monkeypatch)
     with pytest.raises(AssertionError, match="computed again"):
         soter.load(proved / "robot.soter").build("c", tmp_path / "out", cert=proved / "cert")
@@ -89,7 +89,7 @@ def test_a_certificate_that_is_changed_while_it_is_checked_is_refused(
     checked = soter.recheck(proved / "cert")
     report = copy.copy(checked)
     report.seal = "0" * 64
-    monkeypatch.setattr(deploying, "recheck", lambda *_: report)
+    monkeypatch.setattr(inheritance, "recheck", lambda *_: report)
     with pytest.raises(SoterError, match="changed while it was checked") as caught:
         soter.load(proved / "robot.soter").build("c", tmp_path / "out", cert=proved / "cert")
     assert caught.value.diagnostics[0].code == "D020"
@@ -154,14 +154,14 @@ def as_accepted(monkeypatch: pytest.MonkeyPatch, before: Path, folder: Path) -> 
     """Whoever asks hears that a certificate is accepted as that one is."""
     report = copy.deepcopy(soter.recheck(before))
     report.seal = (folder / "SEAL").read_text().strip()
-    monkeypatch.setattr(deploying, "recheck", lambda *_: report)
+    monkeypatch.setattr(inheritance, "recheck", lambda *_: report)
 
 
 def test_tables_that_were_computed_are_those_of_the_certificate(
     proved: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The last number of the last table is another one; a right certificate is built as it is."""
-    monkeypatch.setattr(deploying._CertifiedTables, "sets", lambda *_: None)
+    monkeypatch.setattr(inheritance._CertifiedTables, "sets", lambda *_: None)
     made = soter.load(proved / "robot.soter").build("c", tmp_path / "right", cert=proved / "cert")
     assert "checked again" in made.inherits[0]
     forged: Path = shutil.copytree(proved / "cert", tmp_path / "cert")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 import soter
-from soter.api.deploying import FILE
+from soter.api.deploy.inheritance import FILE
 from soter.certificate.report import Report
 from soter.diagnostics.diagnostic import SoterError
 from soter.diagnostics.render import render_all
@@ -292,7 +292,7 @@ def test_a_certificate_that_is_not_accepted_is_refused_for_what_it_is(
     verdict: str, said: str, here: Path, cert: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     report = Report(verdict, reason="Keep: why")
-    monkeypatch.setattr("soter.api.deploying.recheck", lambda *_: report)
+    monkeypatch.setattr("soter.api.deploy.inheritance.recheck", lambda *_: report)
     code, text = refused(here, cert=cert)
     assert code == "D020"
     assert f"{said}: Keep: why" in text

@@ -14,8 +14,9 @@ import pytest
 
 from soter import SoterError, load
 from soter.api.campaigning import own_folder
-from soter.campaign.arms import NAMES, Lateness, find_arms, measure_lateness
+from soter.campaign.arms import NAMES, find_arms
 from soter.campaign.batch_flights import EVENT, Fleet
+from soter.campaign.release_lateness import Lateness, measure_lateness
 from soter.campaign.result import count_faults, faults_outside
 from soter.language.elaborate.derived_systems import with_forced_mode
 from soter.language.front_end import check_file, system_of

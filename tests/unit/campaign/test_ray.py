@@ -17,8 +17,8 @@ import processes
 from soter import SoterError, load
 from soter.campaign import fly_campaign
 from soter.campaign.batch_flights import Fleet, Flyer
-from soter.campaign.compiled_unit import unpack_recipe
 from soter.campaign.fly_campaign import TRIES, WorkerReply, fly_batch, own_digest
+from soter.campaign.recipe import unpack_recipe
 from soter.diagnostics.diagnostic import Diagnostic
 from soter.language.front_end import check_file, system_of
 

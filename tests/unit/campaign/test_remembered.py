@@ -125,6 +125,8 @@ def test_every_event_is_that_of_flights_that_remember_nothing(
 ) -> None:
     flights = Fleet(whole, 20 * SECOND).fly(range(40), first_seed=1)
     monkeypatch.setattr(compiled_unit, "_dear_calls", lambda _: frozenset())
-    monkeypatch.setattr(compiled_unit.UnitCache, "property_function", UnitBuilder.property_function)
+    monkeypatch.setattr(
+        compiled_unit.MeasuredUnitBuilder, "property_function", UnitBuilder.property_function
+    )
     assert "_anew" not in generate_measured(whole).source
     assert Fleet(whole, 20 * SECOND).fly(range(40), first_seed=1) == flights

@@ -18,7 +18,7 @@ from soter.core.layout import state_layout
 from soter.diagnostics.diagnostic import SoterError
 from soter.measure.stopwatch import sample_states, vary_states
 from soter.targets.cortex_m_board import BOARDS, read_board
-from soter.targets.cortex_m_package import build_image, missing_tools
+from soter.targets.cortex_m_image import build_image, missing_tools
 
 TEXT = """soter 1;
 type Seen = { flag: bool, at: float, many: float[<=3], few: int in [2, 5] };
@@ -212,7 +212,7 @@ def test_a_factor_that_is_none_is_refused(factor: str) -> None:
 
 @pytest.mark.whole
 def test_without_an_image_nothing_is_measured_on_a_board(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("soter.targets.cortex_m_package.missing_tools", lambda _: "no tools")
+    monkeypatch.setattr("soter.targets.cortex_m_image.missing_tools", lambda _: "no tools")
     with pytest.raises(SoterError) as caught:
         measure_on_board(soter.load(CART), "mps2-an500", "20ns")
     (diagnostic,) = caught.value.diagnostics

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 import processes
-from soter.campaign import arms
+from soter.campaign import release_lateness
 from soter.diagnostics.diagnostic import SoterError
 from soter.native.compiler import python_child, python_module
 from unit.test_house_figures import ROOT, SOURCES
@@ -94,7 +94,7 @@ def test_nothing_else_in_soter_starts_python() -> None:
 
 def test_every_way_to_start_a_process_is_known() -> None:
     assert told(PROCESSES) == {
-        "campaign/arms.py",  # Python
+        "campaign/release_lateness.py",  # Python
         "simulate/real_time.py",  # the program that was compiled
         "native/compiler.py",  # Python, for the version of ziglang; compilers, make, nm
         "playground/write.py",  # npm
@@ -105,7 +105,7 @@ def test_every_way_to_start_a_process_is_known() -> None:
 
 
 def test_lateness_is_measured_beside_processes_that_run(strange: Path) -> None:
-    assert arms.measure_lateness(seconds=0.05).releases == 5
+    assert release_lateness.measure_lateness(seconds=0.05).releases == 5
     assert not (strange / "ran").exists()
 
 
@@ -114,9 +114,9 @@ def test_lateness_is_measured_beside_processes_that_run(strange: Path) -> None:
     ["raise SystemExit(1)", "import os; os.write(1, b'!')", "import os; os.abort()"],
 )
 def test_lateness_without_load_is_refused(code: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(arms, "BUSY", code)
+    monkeypatch.setattr(release_lateness, "BUSY", code)
     with pytest.raises(SoterError) as caught:
-        arms.measure_lateness(seconds=0.6)
+        release_lateness.measure_lateness(seconds=0.6)
     assert "have ended" in caught.value.diagnostics[0].notes[0]
 
 
@@ -129,4 +129,4 @@ def test_lateness_without_load_is_refused(code: str, monkeypatch: pytest.MonkeyP
 def test_a_lateness_that_is_none_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "c-lateness.json").write_text(text)
     with pytest.raises(SoterError, match="it is no lateness"):
-        arms.stored_lateness(tmp_path / "c-lateness.json", 0.1)
+        release_lateness.stored_lateness(tmp_path / "c-lateness.json", 0.1)

@@ -12,7 +12,7 @@ import pytest
 
 import processes
 from soter.diagnostics.diagnostic import SoterError
-from soter.remote.topics import Channel
+from soter.remote.channel import Channel
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -27,7 +27,7 @@ REFUSED = "it has a writer already; end that one first"
 WRITER = """
 import sys
 from pathlib import Path
-from soter.remote.topics import Channel
+from soter.remote.channel import Channel
 
 channel = Channel(Path(sys.argv[1]), "wish", int(sys.argv[2]), 12, writes=True)
 channel.write(1, b"x" * 12)
@@ -37,7 +37,7 @@ sys.stdin.read()
 
 OPENS = """
 import sys
-from soter.remote.topics import compiled_library
+from soter.remote.channel import compiled_library
 
 ffi, lib = compiled_library()
 channel = ffi.new("soter_outside *")
@@ -49,7 +49,7 @@ import os
 import signal
 import sys
 from pathlib import Path
-from soter.remote.topics import Channel
+from soter.remote.channel import Channel
 
 folder, number = Path(sys.argv[1]), int(sys.argv[2])
 channel = Channel(folder, "wish", number, 12, writes=True)

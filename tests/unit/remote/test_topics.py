@@ -15,7 +15,7 @@ from generators.random_names import Namer
 from generators.random_types import TypeMaker
 from generators.seeded_choices import Seeded
 from soter.diagnostics.diagnostic import SoterError
-from soter.remote.topics import Topic, Topics, _parsed_type, find_topics, parse_channels
+from soter.remote.channels_json import _parsed_type, find_topics, parse_channels
 from soter.targets.firmware_interface import described_type
 from soter.targets.world_interface import number_of_layout
 from tables import all_rows
@@ -23,6 +23,8 @@ from tables import all_rows
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
+
+    from soter.remote.topics import Topic, Topics
 
 POSE = {"x": 1.0, "y": -2.0}
 WIDE = {"at": POSE, "kind": "Far", "ok": True, "n": 3}

@@ -12,15 +12,15 @@ import pytest
 
 from soter.api import Program
 from soter.report.run.where_sc_leads import FAILED
-from soter.simulate.decisions import GOOD, MOVES, REST, SAFE, _watch_function, compile_looks
 from soter.simulate.run_observer import decided_rows
 from soter.simulate.run_report import tube_pictures
+from soter.simulate.tube_looks import GOOD, MOVES, REST, SAFE, _watch_function, compile_looks
 from unit.verify.tubes.test_world_maps import BEFORE_A_WALL
 
 if TYPE_CHECKING:
     import browser
-    from soter.simulate.decisions import TubeLook, TubeLooks
     from soter.simulate.result import Run
+    from soter.simulate.tube_looks import TubeLook, TubeLooks
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 FOLLOW = EXAMPLES / "evidence" / "follow.soter"

@@ -12,7 +12,8 @@ import soter
 from soter.diagnostics.diagnostic import SoterError
 from soter.native.stack_bound import StackBound
 from soter.targets.cortex_m_board import BOARDS, board_names, parsed_board, read_board
-from soter.targets.cortex_m_package import build_image, linker_script, missing_tools, require_stack
+from soter.targets.cortex_m_image import build_image, missing_tools, require_stack
+from soter.targets.cortex_m_package import linker_script
 from tables import all_rows
 
 ROOT = Path(__file__).resolve().parents[3]

@@ -28,7 +28,8 @@ from long_tests import examples, seed_of
 from soter.language.front_end import check_file, system_of
 from soter.native.compiler import STANDARD, WARNINGS, find_compiler
 from soter.native.shared_library import CHECK_FAILED, RUNTIME
-from soter.targets.leases_and_lateness import age_limits, lease_times
+from soter.targets.late_limits import age_limits
+from soter.targets.leases import lease_times
 from soter.verify.problem.extract import extract
 from soter.verify.problem.schedule import ActuationPath, Releases, Schedule
 from tables import all_rows

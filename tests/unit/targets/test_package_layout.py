@@ -16,7 +16,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.native.compiler import MEANING, STANDARD, WARNINGS
 from soter.native.shared_library import FAULTS
 from soter.native.shared_library import RUNTIME as OF_SOTER
-from soter.targets.leases_and_lateness import FILES as LEASES
+from soter.targets.leases import FILES as LEASES
 
 RUNTIME = {
     *("soter.h", "soter_kernel.c", "soter_virtual.c", "soter_self_test.c"),

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import soter
 from soter.language.front_end import check_file, system_of
-from soter.targets import leases_and_lateness
-from soter.targets.leases_and_lateness import longest_turn, takeover_bounds
+from soter.targets.takeover_bounds import longest_turn, takeover_bounds
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -78,7 +77,7 @@ def test_what_is_too_long_to_go_through_has_a_bound_all_the_same(
         three = [clock(chance.randint(1, 9), chance.randint(0, 12)) for _ in range(3)]
         exact = longest_turn(*three)
         with monkeypatch.context() as patch:
-            patch.setattr(leases_and_lateness, "RELEASES_MAX", 0)
+            patch.setattr("soter.targets.takeover_bounds.RELEASES_MAX", 0)
             assert longest_turn(*three) >= exact
 
 

@@ -20,7 +20,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.api.arguments import require_no_certificate
 from soter.api.assurance.certificate_check import (
     CertifiedProof,
     case_provenance,
@@ -33,6 +32,7 @@ from soter.api.assurance.evidence import Evidence
 from soter.api.assurance.hazard_traceability import NUMBER, Tracing
 from soter.api.assurance.predicate_inlining import expanded_predicates
 from soter.api.exploring import chosen_tests
+from soter.api.output_files import require_no_certificate
 from soter.api.rechecking import require_flint
 from soter.codegen.conditions import watching
 from soter.diagnostics.command_records import needless

@@ -2,7 +2,7 @@
 
 Purpose: `LedPicture` holds looks (each a decision of a module on its estimate): boxes of states,
 rounded outwards and joined where they are many, as JSON for a screen. Times are in seconds.
-Non-goals: the script (`assets/led.js`), the boxes (`simulate/decisions.py`).
+Non-goals: the script (`assets/led.js`), the boxes (`simulate/tube_looks.py`).
 """
 
 from __future__ import annotations

@@ -1,19 +1,16 @@
-"""Writes leases of modules' outputs as C, and says how late components may be by their proofs.
+"""Leases of modules' outputs, as C.
 
 Purpose: `lease_files` writes, for modules with a fail-safe law, `PREFIX_lease.h` and `.c` (the
 actuators' side: the law and the length of a lease, for `runtime/soter_lease.c`) and
 `PREFIX_grant.c` (the trusted side: the times that every release is held to, for
-`runtime/soter_grant.c`); docs/proof.md, "When the trusted part stops". `late_limits` and
-`age_limits` give drivers and loops `late`, `response` and `dropout` of `verify` blocks to judge by;
-`Takeover` says how long after a fault of an AC in another process the first output of SC is there.
-Non-goals: who calls them; proofs of the law (`verify/claims/product_sets.py`); whether a machine
-can keep the times (`soter.timing`).
+`runtime/soter_grant.c`); docs/proof.md, "When the trusted part stops".
+Non-goals: who calls them; proofs of the law (`verify/claims/product_sets.py`).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import gcd, lcm
+from math import gcd
 from pathlib import PurePath
 from typing import TYPE_CHECKING
 
@@ -21,8 +18,6 @@ from soter.codegen import c_tree as c
 from soter.codegen.c_names import FileNames, field_name
 from soter.codegen.c_printer import print_file
 from soter.codegen.c_types import TypeTable
-from soter.diagnostics.diagnostic import Diagnostics
-from soter.language.check.constants_and_types import Calculator, declared_ns
 from soter.language.evaluate.statements import Evaluator
 from soter.language.model.types import show_ns
 from soter.targets.package import PackageFile
@@ -33,10 +28,8 @@ if TYPE_CHECKING:
     from soter.language.model import typed
     from soter.language.model.system import Component, Module, System
 
-
 FILES = ("soter_lease.h", "soter_lease.c", "soter_grant.h", "soter_grant.c")
 """Files of the runtime that the emitted files are for."""
-
 
 ENDINGS = ("_command", "_lease", "_law", "_grant", "_budgets", "_node")
 """The endings of the C names of a module's lease."""
@@ -138,9 +131,6 @@ def _read_topics(x: Component) -> list[int]:
     return x.reads
 
 
-# ---------------------------------------------------------------- C
-
-
 def lease_files(system: System, prefix: str) -> list[PackageFile]:
     """Writes the header and both sources of leases; none where no module has a law."""
     modules = modules_with_law(system)
@@ -238,139 +228,3 @@ def lease_note(module: Module, times: LeaseTimes) -> str:
         zero = ", ".join(times.undeclared)
         text += f"; {zero} not declared: they count as zero, which no clock keeps"
     return text
-
-
-LATE_NS = 1_000_000
-"""The lateness of a component where none is declared; a fifth of its period if that is less."""
-SHARE = 5
-
-
-RELEASES_MAX = 100_000
-"""The most releases of an AC that are compared; for more, the sum of periods is the bound."""
-
-
-@dataclass(frozen=True)
-class Takeover:
-    """The longest time in ns until SC's output after a request that AC does not answer rightly.
-
-    A request is made at a release of AC and its budget is a period: at the next release at the
-    latest the driver sees that there is no answer. The DM decides at its next release from then on,
-    SC steps at its own next one, the same instant included in either case (AC's answer is looked at
-    first, then come DMs, then SCs). `turn`: the longest time from the request to that release of
-    SC, over all releases of AC. `work`: how late SC's step and the decision before it may end.
-    """
-
-    module: str
-    turn: int
-    work: int
-
-    @property
-    def longest(self) -> int:
-        """The bound, if nothing in the trusted thread is later than `work` says."""
-        return self.turn + self.work
-
-    @property
-    def bound_text(self) -> str:
-        """Says the bound in words."""
-        return (
-            f"{self.module}: the first output of SC comes at most {show_ns(self.longest)} after a "
-            f"request that AC does not answer ({show_ns(self.turn)} until it is SC's turn, "
-            f"{show_ns(self.work)} of work)"
-        )
-
-
-def takeover_bounds(system: System) -> list[Takeover]:
-    """The bounds of all modules whose AC is an extern node."""
-    late, response = late_limits(system)
-    bounds = []
-    for m in system.modules:
-        if not system.components[m.ac].extern:
-            continue
-        dm, sc, ac = (system.components[i] for i in (m.dm, m.sc, m.ac))
-        work = max(late[sc.index], late[dm.index] + response[dm.index]) + response[sc.index]
-        bounds.append(Takeover(m.name, longest_turn(ac, dm, sc), work))
-    return bounds
-
-
-def longest_turn(ac: Component, dm: Component, sc: Component) -> int:
-    """The longest time in ns from a release of AC to that of the SC that stands in for it."""
-    hyper = lcm(ac.period_ns, dm.period_ns, sc.period_ns)
-    if hyper // ac.period_ns > RELEASES_MAX:
-        return ac.period_ns + dm.period_ns + sc.period_ns + max(dm.phase_ns, sc.phase_ns)
-    end = max(ac.phase_ns, dm.phase_ns, sc.phase_ns) + 2 * hyper
-    return max(
-        _first_release_from(sc, _first_release_from(dm, release + ac.period_ns)) - release
-        for release in range(ac.phase_ns, end, ac.period_ns)
-    )
-
-
-def _first_release_from(c: Component, time: int) -> int:
-    """The first release of a component at a time or after it."""
-    return max(c.phase_ns, time + (c.phase_ns - time) % c.period_ns)
-
-
-def late_limits(system: System) -> tuple[list[int], list[int]]:
-    """Lateness and response of each component in ns, the least of all modules that declare one."""
-    late = [min(LATE_NS, x.period_ns // SHARE) for x in system.components]
-    response = list(late)
-    for times, kind in ((late, "late"), (response, "response")):
-        declared: dict[int, int] = {}
-        for module in system.modules:
-            for index, ns in _times_of_module(system, module, kind):
-                declared[index] = min(ns, declared.get(index, ns))
-        for index, ns in declared.items():
-            times[index] = ns
-    return late, response
-
-
-@dataclass(frozen=True)
-class AgeLimit:
-    """The greatest age in ns of a topic where a component reads it that a proof allows."""
-
-    component: int
-    topic: int
-    most_ns: int
-
-
-def age_limits(system: System, module: Module) -> tuple[AgeLimit, ...]:
-    """The limits for topics with a `max_age` that SC and nodes between sensors and module read.
-
-    A sensor may be silent for `dropout` longer; of SC `age` may say less. Topics that plants of the
-    system drive are left out: they are as old as the plants say.
-    """
-    longer = declared_ns(module, module.symbol.verify.dropout)
-    age = module.symbol.verify.age
-    ages = []
-    for x in (system.components[module.sc], *nodes_on_the_way(system, module)):
-        sc_ages = [declared_ns(module, age)] if age is not None and x.index == module.sc else []
-        ages += [
-            AgeLimit(x.index, t.index, min([t.max_age_ns, *sc_ages]) + longer)
-            for t in (system.topics[i] for i in x.reads)
-            if t.max_age_ns is not None and not t.driver.startswith("plant")
-        ]
-    return tuple(ages)
-
-
-def _times_of_module(system: System, module: Module, kind: str) -> list[tuple[int, int]]:
-    verify = module.symbol.verify
-    if verify is None:
-        return []
-    calculator = Calculator(Diagnostics(), module.scope.params)
-    around = module.name.rpartition(".")[0]
-    named: dict[str, typed.TypedExpr] = getattr(verify, f"{kind}_of")
-    exprs: list[tuple[int | None, typed.TypedExpr | None]] = [
-        (module.dm, getattr(verify, f"{kind}_dm")),
-        (module.sc, getattr(verify, f"{kind}_sc")),
-        *((_component_index(system.components, around, name), e) for name, e in named.items()),
-    ]
-    times = []
-    for index, expr in exprs:
-        value = None if expr is None else calculator.value(expr, "a time")
-        if index is not None and isinstance(value, int):
-            times.append((index, value))
-    return times
-
-
-def _component_index(components: tuple[Component, ...], around: str, name: str) -> int | None:
-    full = f"{around}.{name}" if around else name
-    return next((x.index for x in components if x.name == full), None)

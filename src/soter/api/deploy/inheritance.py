@@ -1,11 +1,8 @@
-"""Builds packages, and says which proof a deployed system inherits.
+"""Says which proof a deployed system inherits.
 
 Purpose: `inheritance_report` checks the certificate again, compares it with the program and the
-parameters, and reports its verdicts for the modules of the deployed system that it covers. `build`
-makes the package. `recorded_inputs` records, for the replay of an image, the values of topics from
-outside in a run of the system that was proved, with its plants.
-Non-goals: what is covered (`verify/deploy/proof_transfer.py`), the checker (`soter.recheck`),
-reading a recording (`runtime/cortex_m/soter_recording.c`).
+parameters, and reports its verdicts for the modules of the deployed system that it covers.
+Non-goals: what is covered (`verify/deploy/proof_transfer.py`), the checker (`soter.recheck`).
 """
 
 from __future__ import annotations
@@ -15,105 +12,33 @@ import json
 import os
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path, PurePath
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.addons import by_name
 from soter.api.rechecking import recheck
 from soter.certificate.reading.folder import MANIFEST_MAX, PROGRAM_MAX, read_certificate
 from soter.certificate.report import REJECTED, RecheckedModule, Report
-from soter.core.layout import size_of
 from soter.diagnostics.diagnostic import Diagnostics, SoterError, mistake
 from soter.language.load.loader import LoadedFile, load
-from soter.language.load.named_files import binding_of, read_bytes
-from soter.language.model.system import System, environment_topics
-from soter.native.extern_bindings import Bindings, require_linked
-from soter.simulate.result_assumptions import code_assumptions
-from soter.targets.cortex_m_board import Replay, read_board
-from soter.targets.cortex_m_package import (
-    Image,
-    build_image,
-    cross_compiler,
-    replay_end_ns,
-    require_stack,
-)
-from soter.targets.package import TARGETS, Package, PackageFile, build_package, require_options
-from soter.verify.proof_cache import stored_verdicts
+from soter.language.load.named_files import read_bytes
+from soter.targets.package import PackageFile
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
     from typing import Any
 
     from soter.certificate.reading.folder import Certificate
-    from soter.native.stack_bound import StackBound
-    from soter.simulate.run import NativeProgram
+    from soter.language.model.system import System
     from soter.verify.deploy.level_tables import LevelTable, Pairs
     from soter.verify.deploy.missing_predicates import Known
     from soter.verify.deploy.proof_transfer import TransferredProof
     from soter.verify.problem.problem import Problem
 
-    Recording = list[tuple[int, int, bytes]]
-    """When it was measured (ns), the topic's number, and the value as it lies in memory."""
-
-
-def recorded_inputs(system: System, until_ns: int, seed: int) -> Recording:
-    """The values of topics from outside in a run of the proved system, in order of time.
-
-    None if that system is deployed itself, or has unbound externs; SoterError of `NativeProgram`.
-    """
-    proved = system.proved
-    if proved is None or any(x.extern and x.binding is None for x in proved.components):
-        return []
-    from soter.simulate.run import NativeProgram  # noqa: PLC0415 - needs a compiler
-
-    native = NativeProgram(proved)
-    run = native.run(until_ns, seed, keep_trace=True)
-    assert run.trace is not None
-    drawn = {d.topic for d in system.inputs}
-    topics = [system.topics[i] for i in environment_topics(system) if i not in drawn]
-    numbers = {t.name: t.index for t in proved.topics}
-    recording: Recording = []
-    last = dict.fromkeys((t.index for t in topics), -1)
-    rows = run.trace.view("u1").reshape(len(run.trace), native.layout.size)
-    for state, raw in zip(run.trace, rows, strict=True):
-        for t in topics:
-            index = numbers.get(t.name)
-            if index is None:
-                continue
-            stamp, at = int(state["stamps"][index]), native.layout.topic_offset(index)
-            if stamp > last[t.index]:
-                last[t.index] = stamp
-                recording.append((stamp, t.index, raw[at : at + size_of(t.type)].tobytes()))
-    return sorted(recording, key=lambda r: r[0])
-
-
-def recording_text(recording: Recording) -> str:
-    """The recording as the text that `runtime/cortex_m/soter_recording.h` describes."""
-    return "".join(f"{time} {topic} {value.hex()}\n" for time, topic, value in recording)
-
-
-def replayed_sha256(native: NativeProgram, recording: Recording, until_ns: int, seed: int) -> str:
-    """SHA-256 of the trace of a run that reads the recording; no extern may be due in it."""
-    library, digest, inputs = native.load().library, hashlib.sha256(), iter(recording)
-    state = library.new_state(seed)
-    waiting = next(inputs, None)
-    while (at := library.next_instant(state)) <= until_ns:
-        while waiting is not None and waiting[0] <= at:
-            library.publish(state, waiting[1], waiting[2], waiting[0])
-            waiting = next(inputs, None)
-        library.run(state, at)
-        digest.update(state.tobytes())
-    return digest.hexdigest()
-
-
-MAPPINGS = "soter.mapping.read_mapping"
 FILE = "inherited.json"
 SCHEMA = 1
 SETS_CONFIRMED = ("P2a", "P3", "ttf", "safer")
 """The claims that confirm the sets of computed predicates; P2b besides confirms the number of
 levels that is chosen."""
-NO_PART = frozenset({"soter_app.c", "soter_virtual.c", "soter_sha256.c"})
-"""Files of a package that only the command for virtual time needs."""
 
 
 @dataclass
@@ -206,8 +131,8 @@ class _CertifiedTables:
         reports, name = self.confirmed.get(problem.name, []), problem.name
         if not reports:
             return
-        asked = self._certificate, reports[0].system, name, problem, level_tables
-        if differing := difference_from_certificate(*asked):
+        compared = self._certificate, reports[0].system, name, problem, level_tables
+        if differing := difference_from_certificate(*compared):
             why = f"`{name}` is built with other {differing} than it has"
             raise _other_certificate(self.folder, why)
         oldest, plan = problem.times.delay_sc, problem.module.symbol.sc.name
@@ -217,126 +142,6 @@ class _CertifiedTables:
                 f"`{name}` was checked again for reads that are no older than its plants make them"
             )
             raise _other_certificate(self.folder, why)
-
-
-def build(
-    target: str,
-    output: Path,
-    fresh: System,
-    completed: Callable[[Known | None], tuple[System, list[str]]],
-    bound: Callable[[System], Bindings],
-    *,
-    cert: str | Path | None,
-    mapping: str | Path | Mapping[str, Any] | None = None,
-    board: str | None = None,
-) -> Package:
-    """Writes the package of a target into the folder `output`.
-
-    `completed`: returns the system with computed predicates, and notes; its argument has those that
-    a certificate confirms. `mapping`: for targets with a middleware, a file or its content.
-    `board`: for targets that are an image, the name of a board or its file.
-
-    `SoterError` as `inheritance_report` and `build_package`.
-    """
-    require_options(target, mapping=mapping is not None, board=board is not None)
-    place = None if board is None else read_board(board)
-    file = Path(mapping) if isinstance(mapping, (str, Path)) else None
-    read = mapping if file is None else by_name(MAPPINGS).read_mapping(file)
-
-    def fitted(system: System) -> object:
-        return None if read is None else by_name(MAPPINGS).make_log_map(read, system, file=file)
-
-    fitted(fresh)  # a wrong one is told before anything takes long,
-    bare = bound(fresh)
-    require_linked(bare)
-    if read is not None and all(m.symbol.ttf for m in fresh.modules):  # and what no bridge can do
-        here = bare.system, bare.core, output, fitted(bare.system)
-        build_package(target, *here, write=False)
-    inherits = inheritance_report(fresh, cert)
-    flat, computed = completed(inherits.sets)
-    flat.certificate = inherits.certificate
-    bindings = bound(flat)
-    onto = None if place is None else (place, _replay_on_host(bindings))
-    fits = fitted(bindings.system)
-    package = build_package(
-        target, bindings.system, bindings.core, output, fits, inherits.files, onto
-    )
-    assumed = [] if inherits.lines else code_assumptions(flat, stored_verdicts(flat))
-    dropped = _left_out_bindings(bindings) if TARGETS[target].drops_bindings else ()
-    package.notes += [*assumed, *computed, *dropped]
-    package.inherited, package.inherits = inherits.document, inherits.lines
-    return package
-
-
-def _replay_on_host(bindings: Bindings) -> Replay:
-    """The run that an image repeats, done here; without its trace if an extern must answer."""
-    system = bindings.system
-    until, seed = replay_end_ns(system), 1
-    if any(x.extern and not (x.binding or "").startswith("c:") for x in system.components):
-        return Replay(until, seed)
-    recording = recorded_inputs(system, until, seed)
-    if system.externals and not recording:
-        return Replay(until, seed)
-    from soter.simulate.run import NativeProgram  # noqa: PLC0415 - needs a compiler
-
-    native = NativeProgram(system, core=bindings.core)
-    if recording:
-        trace = replayed_sha256(native, recording, until, seed)
-        return Replay(until, seed, trace, recording_text(recording))
-    run = native.run(until, seed, hash_trace=True)
-    return Replay(until, seed, run.trace_sha256 or "")
-
-
-def _left_out_bindings(bindings: Bindings) -> list[str]:
-    """Notes on bindings to Python and to policies, which a package in C leaves out."""
-    notes = []
-    for x in bindings.externs:
-        binding = binding_of(x.bound) if isinstance(x.bound, str) else None
-        if binding is not None and binding.is_policy:
-            file = Path(binding.file)
-            way = f"`soter policy {file} -o {file.stem}.soter` writes it as a function in Soter"
-            way = way if file.is_file() else f"there is no file `{file}`"
-            notes.append(f"{x.name}: its policy is left out, as the package is C: {way}")
-        elif x.bound is not None and not str(x.bound).startswith("c:"):
-            notes.append(f"{x.name}: its binding to Python is left out, as the package is C")
-    return notes
-
-
-def built_image(package: Package, board: str | None, stack: StackBound) -> Image | None:
-    """Builds the image of a package that is for a board; None for others. See `build_image`.
-
-    `stack`: the bound of the package; SoterError X015 if the board has less.
-    """
-    if board is None:
-        return None
-    place = read_board(board)
-    require_stack(stack, place)
-    return build_image(package, place)
-
-
-def stack_bound(package: Package, board: str | None = None) -> StackBound:
-    """The most stack that the trusted part of a package needs, compiled on this machine.
-
-    `board`: for an image, whose own compiler computes it.
-
-    Externs, plants and the virtual-time command are not counted.
-    """
-    from soter.native.stack_bound import stack_bound  # noqa: PLC0415 - runs a compiler
-
-    files = {
-        PurePath(f.path).name: f.text
-        for f in package.files
-        if str(PurePath(f.path).parent) == (package.trusted or ".")
-        and not f.yours
-        and f.path.endswith((".c", ".h"))
-        and PurePath(f.path).name not in NO_PART
-        and "int main(" not in f.text
-    }
-    cross = None if board is None else cross_compiler(read_board(board))
-    return stack_bound(files, package.entries, package.world, cross)
-
-
-# ---------------------------------------------------------------- what is told
 
 
 def _inheritance_entry(
@@ -378,9 +183,6 @@ def _entry_lines(entry: dict[str, Any], name_of_proved: str, seal: str) -> list[
             f"{name}: {words} of {name_of_proved}, certificate {seal[:12]}, checked again{safe}"
         ]
     return [*lines, *(f"{name}: {line}" for line in entry["covered"])]
-
-
-# ---------------------------------------------------------------- whether it fits
 
 
 def _seal_of_same_program(folder: Path, report: Report, proved: System) -> str:

@@ -1,0 +1,108 @@
+"""The tables by which the time-triggered loop of a board runs a program, as C.
+
+Purpose: `loop_tables` writes the tick, extern nodes, modules and their leases for
+`runtime/cortex_m/soter_loop.c`; `longest_tick` chooses the tick, or says why there can be no loop.
+Non-goals: the loop; the package that the tables lie in (`cortex_m_package.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import gcd
+from typing import TYPE_CHECKING
+
+from soter.codegen.c_names import field_name
+from soter.codegen.externs import linked_symbol
+from soter.core.layout import size_of
+from soter.language.model.types import show_ns
+from soter.targets.late_limits import age_limits
+from soter.targets.leases import lease_names, lease_times, modules_with_law, nodes_on_the_way
+from soter.targets.package import PackageFile, filled_file
+from soter.targets.posix_package import extern_nodes, fields_read
+
+if TYPE_CHECKING:
+    from soter.codegen.unit import Unit
+    from soter.language.model.system import Component, Module, System
+    from soter.targets.cortex_m_board import Board
+
+APP = "soter_loop_app"
+SECOND = 10**9
+TICK_MOST, TICK_LEAST = 10**6, 10**4
+"""The longest and shortest tick in ns: each one interrupts the processor, and actuators look."""
+SYSTICK_MOST = 2**24
+"""SysTick counts in 24 bits."""
+PATIENCE_NS = 10**8
+"""The longest time in ns that an instant may take before the watchdog is fed no more."""
+
+
+@dataclass(frozen=True)
+class LoopTick:
+    """The time between two interrupts in ns; `why`: why there can be no loop, else ""."""
+
+    ns: int
+    why: str = ""
+
+
+def longest_tick(system: System, board: Board) -> LoopTick:
+    """The longest tick of which every release is a multiple, or why there can be none."""
+    times = [n for x in system.components for n in (x.period_ns, x.phase_ns)]
+    times += [i.every_ns for i in system.inputs]
+    common = gcd(*times)
+    parts = [n for n in range(1, common // TICK_LEAST + 1) if common % n == 0]
+    for n in parts:
+        tick = common // n
+        counts, rest = divmod(board.clock_hz * tick, SECOND)
+        if tick <= TICK_MOST and rest == 0 and 1 < counts < SYSTICK_MOST:
+            return LoopTick(tick, _why_no_loop(system))
+    why = f"no tick of whole counts of {board.clock_hz:,} Hz divides {show_ns(common)}"
+    return LoopTick(min(common, TICK_MOST), why)
+
+
+def _why_no_loop(system: System) -> str:
+    nodes = extern_nodes(system)
+    if len(nodes) > 1:
+        names = ", ".join(f"`{x.name}`" for x in nodes)
+        return f"{names} are extern nodes, and there is one thread for one of them"
+    held = [x.name for x in system.components if x.held is not None]
+    return f"`{held[0]}` has steps that take time" if held else ""
+
+
+def loop_tables(system: System, unit: Unit, tick: LoopTick, until_ns: int) -> list[PackageFile]:
+    """Writes header and source of the tables by which the loop runs a program."""
+    nodes, modules = extern_nodes(system), modules_with_law(system)
+    names = lease_names(system, unit.prefix)
+    context = {
+        "prefix": unit.prefix,
+        "system": system,
+        "tick": tick,
+        "until_ns": until_ns,
+        "budgets": max([1, *(len(lease_times(system, m).budgets) for m in modules)]),
+        "topic_words": (max((size_of(t.type) for t in system.topics), default=8) + 7) // 8,
+        "patience": max(2, PATIENCE_NS // tick.ns),
+        "nodes": [_node_values(system, unit, x) for x in nodes],
+        "modules": [_module_values(system, unit, m, names[m.index]) for m in modules],
+    }
+    return [filled_file(n, f"cortex_m/{n}", **context) for n in (f"{APP}.h", f"{APP}.c")]
+
+
+def _node_values(system: System, unit: Unit, x: Component) -> dict[str, object]:
+    """The template's values for an extern node: the topics that it reads, and its function."""
+    assert x.binding is not None
+    return {
+        "of": x,
+        "c_name": unit.names[x.index],
+        "symbol": linked_symbol(x.binding),
+        "reads": fields_read(system, unit, x),
+    }
+
+
+def _module_values(system: System, unit: Unit, module: Module, c_name: str) -> dict[str, object]:
+    """The template's values for a module with a law: its command, and what its grant watches."""
+    outputs = [(system.topics[i].symbol.name.rpartition(".")[2], i) for i in module.outputs]
+    return {
+        "of": module,
+        "c_name": c_name,
+        "nodes": [module.dm, module.sc, *(x.index for x in nodes_on_the_way(system, module))],
+        "outputs": [(field_name(name), unit.topics[i][1]) for name, i in outputs],
+        "ages": age_limits(system, module),
+    }

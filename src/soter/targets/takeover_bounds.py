@@ -1,0 +1,80 @@
+"""How long after a fault of an AC in another process the first output of SC is there.
+
+Purpose: `takeover_bounds` computes it from releases and from the limits of lateness.
+Non-goals: those limits (`late_limits.py`); who notices the fault (`runtime/posix/`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import lcm
+from typing import TYPE_CHECKING
+
+from soter.language.model.types import show_ns
+from soter.targets.late_limits import late_limits
+
+if TYPE_CHECKING:
+    from soter.language.model.system import Component, System
+
+RELEASES_MAX = 100_000
+"""The most releases of an AC that are compared; for more, the sum of periods is the bound."""
+
+
+@dataclass(frozen=True)
+class Takeover:
+    """The longest time in ns until SC's output after a request that AC does not answer rightly.
+
+    A request is made at a release of AC and its budget is a period: at the next release at the
+    latest the driver sees that there is no answer. The DM decides at its next release from then on,
+    SC steps at its own next one, the same instant included in either case (AC's answer is looked at
+    first, then come DMs, then SCs). `turn`: the longest time from the request to that release of
+    SC, over all releases of AC. `work`: how late SC's step and the decision before it may end.
+    """
+
+    module: str
+    turn: int
+    work: int
+
+    @property
+    def longest(self) -> int:
+        """The bound, if nothing in the trusted thread is later than `work` says."""
+        return self.turn + self.work
+
+    @property
+    def bound_text(self) -> str:
+        """Says the bound in words."""
+        return (
+            f"{self.module}: the first output of SC comes at most {show_ns(self.longest)} after a "
+            f"request that AC does not answer ({show_ns(self.turn)} until it is SC's turn, "
+            f"{show_ns(self.work)} of work)"
+        )
+
+
+def takeover_bounds(system: System) -> list[Takeover]:
+    """The bounds of all modules whose AC is an extern node."""
+    late, response = late_limits(system)
+    bounds = []
+    for m in system.modules:
+        if not system.components[m.ac].extern:
+            continue
+        dm, sc, ac = (system.components[i] for i in (m.dm, m.sc, m.ac))
+        work = max(late[sc.index], late[dm.index] + response[dm.index]) + response[sc.index]
+        bounds.append(Takeover(m.name, longest_turn(ac, dm, sc), work))
+    return bounds
+
+
+def longest_turn(ac: Component, dm: Component, sc: Component) -> int:
+    """The longest time in ns from a release of AC to that of the SC that stands in for it."""
+    hyper = lcm(ac.period_ns, dm.period_ns, sc.period_ns)
+    if hyper // ac.period_ns > RELEASES_MAX:
+        return ac.period_ns + dm.period_ns + sc.period_ns + max(dm.phase_ns, sc.phase_ns)
+    end = max(ac.phase_ns, dm.phase_ns, sc.phase_ns) + 2 * hyper
+    return max(
+        _first_release_from(sc, _first_release_from(dm, release + ac.period_ns)) - release
+        for release in range(ac.phase_ns, end, ac.period_ns)
+    )
+
+
+def _first_release_from(c: Component, time: int) -> int:
+    """The first release of a component at a time or after it."""
+    return max(c.phase_ns, time + (c.phase_ns - time) % c.period_ns)
