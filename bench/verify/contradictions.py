@@ -37,7 +37,7 @@ from generators.induction_planners import planner  # noqa: E402 - as above
 from soter.api import load, recheck  # noqa: E402 - needs the path
 from soter.diagnostics.diagnostic import SoterError  # noqa: E402 - needs the path
 from soter.language.front_end import check_file, system_to_prove  # noqa: E402 - needs the path
-from soter.semantics.draws import CHANCE, CORNER, HOLDS, TURN  # noqa: E402 - needs the path
+from soter.semantics.adverse_draws import CHANCE, CORNER, HOLDS, TURN  # noqa: E402 - needs the path
 from soter.verify import refute as attacks  # noqa: E402 - needs the path
 from soter.verify.attacked_system import DRAWN, NotAttackableError  # noqa: E402 - needs the path
 from soter.verify.deploy.missing_predicates import complete  # noqa: E402 - needs the path

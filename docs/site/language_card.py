@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.editor import language_words
-from soter.language.syntax import schemes, tokens
+from soter.language.syntax import lexer, schemes
 from soter.language.syntax.parsing.literals_and_operators import PRECEDENCE
 
 if TYPE_CHECKING:
@@ -182,7 +182,7 @@ def page() -> str:
         parts += [f"{WITHOUT_A_WORD[place]}\n"] if place in WITHOUT_A_WORD else []
     parts += ["## Behind an item\n", added()]
     integration = ", ".join(f"`{s}`" for s in schemes.SCHEMES)
-    times = ", ".join(f"`{unit}`" for unit in tokens.UNIT_NS)
+    times = ", ".join(f"`{unit}`" for unit in lexer.UNIT_NS)
     parts += ["## Types and values\n", types()]
     parts += [f"Units of time: {times}. Schemes of integration: {integration}.\n"]
     parts += [f"Operators, from the one that binds least: {operators()}.\n"]

@@ -15,7 +15,7 @@ from generators.c_packages import package
 from long_tests import examples
 from soter.codegen.c_names import file_level_name, why_not_linkable
 from soter.codegen.unit import COMPONENT_NAMES, generate
-from soter.language.syntax.tokens import RESERVED
+from soter.language.syntax.lexer import RESERVED
 from soter.native.compiler import STANDARD, WARNINGS, find_compiler
 from soter.native.shared_library import RUNTIME
 

@@ -48,8 +48,9 @@ def test_training_in_torch_falls_alone_and_never_behind_the_module(
 
 def test_every_key_of_info_is_on_the_page() -> None:
     page = (ROOT / "docs" / "gym.md").read_text(encoding="utf-8")
-    source = (ROOT / "src" / "soter" / "gym" / "guard.py").read_text(encoding="utf-8")
-    keys = set(re.findall(r'^            "(\w+)": ', source, re.MULTILINE))
+    gym = ROOT / "src" / "soter" / "gym"
+    source = "".join((gym / n).read_text(encoding="utf-8") for n in ("guard.py", "step_info.py"))
+    keys = set(re.findall(r'^ {8,12}"(\w+)": ', source, re.MULTILINE))
     keys |= set(re.findall(r'\binfo\["(\w+)"\] = ', source))
     keys |= {*FACTS, "final_obs", "final_info"}
     assert len(keys) >= 22

@@ -20,7 +20,8 @@ from soter.semantics.interpreter import Interpreter
 if TYPE_CHECKING:
     from soter.language.model.system import System
     from soter.language.model.types import Value
-    from soter.semantics.configuration import Configuration, Record
+    from soter.semantics.configuration import Configuration
+    from soter.semantics.run_record import Record
 
     Seen = tuple[int, tuple[Value, ...], tuple[int, ...]]
 

@@ -16,7 +16,8 @@ import numpy as np
 from cffi import FFI
 
 from generators.engine_comparison import first_difference
-from soter.semantics.draws import AnsweredDraws, fnv1a_64
+from soter.semantics.answered_draws import AnsweredDraws
+from soter.semantics.draws import fnv1a_64
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.rules import environment_input
 from soter.simulate.run import state_bytes

@@ -168,6 +168,7 @@ ROOMS = {
         25,
         "three programs over two channels; all of it ships as one folder",
     ),
+    "src/soter/codegen": (18, "one tree of C; a file a kind of function that is generated"),
     "src/soter/verify/engine": (
         23,
         "one engine over one set of headers; a reader enters by soter_reach.h",

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from soter.api.arguments import chosen_modules
 from soter.api.output_files import require_utf8
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.language.elaborate.passes.step_times import is_measured
+from soter.language.elaborate.passes.read_ages import is_measured
 from soter.language.evaluate.arithmetic import StepFault
 from soter.mapping.read_mapping import make_log_map, named_system, read_mapping
 from soter.monitor.decidable_modules import decidable

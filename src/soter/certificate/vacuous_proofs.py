@@ -18,7 +18,7 @@ from soter.certificate.cell_sets import Axes, Grid
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.report import KEEPS, NotRecheckedError
 from soter.certificate.terms.linear_enclosures import exact
-from soter.language.elaborate.passes.step_times import fresh_ages_ns
+from soter.language.elaborate.passes.read_ages import fresh_ages_ns
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.topic_ranges import reader_with_limits, truth_by_parts
 from soter.language.model.tree_walk import nodes, topic_reads

@@ -7,7 +7,8 @@ Figure, returns the mode. In reading order:
 
 - `unit.py` begins: `generate` puts the header and the source of a program together.
 - `nodes.py`, `plants_and_inputs.py`, `decisions.py` write its functions: steps of nodes; steps of
-  plants, and topics that are set from outside; DMs, properties and other predicates.
+  plants, and topics that are set from outside; DMs, properties and other predicates. Of nodes,
+  `queues.py` has the queues behind topics, `held_outputs.py` what a step that takes time publishes.
 - `externs.py` writes how C or a driver answers an extern, `faults.py` what a system's faults do.
 - `kernel_tables.py` writes the tables that the kernel reads, and what makes the first state.
 - `state_access.py`: `Frame` emits the code around a body: it loads, checks, publishes, commits.

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from soter.codegen import c_tree as c
 from soter.codegen.c_types import float_number, int_number
-from soter.codegen.state_access import CT, OK, S, place_text
+from soter.codegen.state_access import CT, OK, S, place_text, stamp_place
 from soter.codegen.storage_plan import PlannedBody
 from soter.core import core
 from soter.language.model.read_together import apart_at_most
@@ -91,7 +91,7 @@ def _stale_condition(system: System, module: Module) -> c.CExpr:
     def after(one: c.CExpr, other: c.CExpr, most: int) -> c.CExpr:
         return c.Binary(">", c.Binary("-", one, other), int_number(most))
 
-    stamps = {i: c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(i))) for i in module.inputs}
+    stamps = {i: stamp_place(i) for i in module.inputs}
     ages = {i: system.topics[i].max_age_ns for i in module.inputs}
     stale = [after(CT, stamps[i], age) for i, age in ages.items() if age is not None]
     for i, j, most in apart_at_most(system, module.inputs):
@@ -211,7 +211,7 @@ def _store_look(frame: Frame, module: Module) -> list[c.CStmt]:
     for name in ("stale", "gate_fault"):
         unsafe = c.Binary("||", unsafe, c.Name(name))
     left = c.Ternary(c.Name("safer"), int_number(module.looks), int_number(1))
-    stamp = c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(module.looked)))
+    stamp = stamp_place(module.looked)
     looks = c.Ternary(unsafe, int_number(0), left)
     return [c.Assign(frame.topic_place(module.looked), looks), c.Assign(stamp, CT)]
 

@@ -1,10 +1,9 @@
-"""Steps of nodes in generated C: fail-safe values, steps that take time, queues behind topics.
+"""Steps of nodes in generated C.
 
 Purpose: the step function of each node: its Soter code, or an extern that a linked C function or
-the driver answers. The outputs of a step that takes time are held in a topic of their own until
-they take effect; a value is put into the queues behind its topic, and a lost one is a step fault.
-Non-goals: what an extern node sees (`externs.py`), plants (`plants_and_inputs.py`), when a held
-publication takes effect (the kernel), what queues hold in memory (`core/layout.py`).
+the driver answers; and the function that publishes fail-safe values.
+Non-goals: what an extern node sees (`externs.py`), plants (`plants_and_inputs.py`), queues
+(`queues.py`), outputs of steps that take time (`held_outputs.py`).
 """
 
 from __future__ import annotations
@@ -17,177 +16,30 @@ from soter.codegen.c_names import field_name
 from soter.codegen.c_types import FAULT
 from soter.codegen.externs import clean_answer, linked_name, to_ends
 from soter.codegen.faults import disturb
+from soter.codegen.held_outputs import hold_outputs
 from soter.codegen.plants_and_inputs import declare_choices
-from soter.codegen.state_access import CT, OK, STEP_PARAMETERS, S, flag_is_set, place_text
+from soter.codegen.queues import check_queues, clear_lost_queues, empty_queue
+from soter.codegen.state_access import (
+    CT,
+    OK,
+    STEP_PARAMETERS,
+    S,
+    flag_is_set,
+    place_text,
+    stamp_place,
+)
 from soter.core import core
 from soter.language.model.system import queues_of
-from soter.language.model.types import BOOL, ListType
+from soter.language.model.types import BOOL
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from soter.codegen.state_access import Frame
     from soter.codegen.storage_plan import PlannedBody
-    from soter.language.model.system import Component, Topic
+    from soter.language.model.system import Component
     from soter.language.model.typed import NodeSymbol
     from soter.language.model.types import Type
-
-
-def push_function(frame: Frame, topic: Topic) -> c.FunctionDef:
-    """The C function that puts a topic's value into its queues; a full queue follows its policy."""
-    body: list[c.CStmt] = [frame.state_pointer()]
-    for index in topic.queues:
-        queue = frame.system.topics[index]
-        assert isinstance(queue.type, ListType)
-        items = c.Member(frame.topic_place(index), "items")
-        length = c.Member(frame.topic_place(index), "len")
-        capacity = queue.type.capacity
-        append = (
-            c.Assign(c.IndexExpr(items, length), frame.topic_place(topic.index)),
-            c.Assign(length, c.Binary("+", length, c.Number("1"))),
-        )
-        room = c.Binary("<", length, c.Number(str(capacity)))
-        if queue.policy == "drop_oldest":
-            k = c.Name("k")
-            after = c.IndexExpr(items, c.Binary("+", k, c.Number("1")))
-            move = (c.Assign(c.IndexExpr(items, k), after),)
-            last = c.Number(str(capacity - 1))
-            shift = (c.For("k", c.Number("0"), last, move),) if capacity > 1 else ()
-            body += [c.IfStmt(c.Unary("!", room), (*shift, c.Assign(length, last))), *append]
-        elif queue.policy == "fault":
-            lost = c.Assign(_stamp_place(index), c.Name("SOTER_LOST"))
-            body.append(c.IfStmt(room, append, (lost,)))
-        else:
-            body.append(c.IfStmt(room, append))
-    doc = f"the queues behind {topic.name}"
-    return c.FunctionDef(
-        "void", frame.push_name(topic.index), (("void *", "state"),), tuple(body), doc
-    )
-
-
-def _lost_condition(queue: int) -> c.CExpr:
-    """The C condition that a queue has lost a value that it may not lose (SOTER_LOST)."""
-    return c.Binary("!=", _stamp_place(queue), c.Name("SOTER_NEVER"))
-
-
-def check_queues(frame: Frame, component: Component) -> list[c.CStmt]:
-    """Raises a capacity fault if a queue of the node has lost a value that it may not lose."""
-    return [
-        c.Do(
-            c.CallExpr(
-                "soter_guard", (c.Unary("!", _lost_condition(q)), c.Name("SOTER_CAPACITY"), FAULT)
-            )
-        )
-        for q in queues_of(frame.system, component)
-        if frame.system.topics[q].policy == "fault"
-    ]
-
-
-def empty_queue(frame: Frame, queue: int) -> c.CStmt:
-    """The C that empties a queue."""
-    default = frame.types.default_constant(frame.system.topics[queue].type)
-    return c.Assign(frame.topic_place(queue), default)
-
-
-def clear_lost_queues(frame: Frame, component: Component) -> list[c.CStmt]:
-    """After a capacity fault, empties the queues that lost a value and clears their mark."""
-    overflowed = c.Binary("==", c.Name("status"), c.Name("SOTER_CAPACITY"))
-    return [
-        c.IfStmt(
-            c.Binary("&&", overflowed, _lost_condition(q)),
-            (empty_queue(frame, q), c.Assign(_stamp_place(q), c.Name("SOTER_NEVER"))),
-        )
-        for q in queues_of(frame.system, component)
-        if frame.system.topics[q].policy == "fault"
-    ]
-
-
-PARAMETERS = (("void *", "state"),)
-
-
-def hold(frame: Frame, component: Component, outputs: tuple[core.Output, ...]) -> list[c.CStmt]:
-    """Keeps a step's outputs in `held`; the kernel draws how long until they take effect."""
-    statements: list[c.CStmt] = [_empty_held(frame, component)]
-    published = c.Unary("*", c.Name("published"))
-    for k, output in enumerate(outputs):
-        note = c.Assign(published, c.Binary("|", published, c.Number(f"{1 << k}U")))
-        keep = (
-            c.Assign(_held_part(frame, component, "has", k), c.Number("1")),
-            c.Assign(_held_part(frame, component, "at", k), CT),
-            c.Assign(
-                _held_part(frame, component, "out", k),
-                frame.types.to_store(output.type, frame.body.out_place(k)),
-            ),
-        )
-        stores = c.IfStmt(flag_is_set("SOTER_ENABLED"), keep)
-        statements += frame.if_published(k, [note, stores])
-    return statements
-
-
-def effect_function(
-    frame: Frame, component: Component, outputs: tuple[core.Output, ...], name: str
-) -> c.FunctionDef:
-    """The C function that publishes held outputs, if OE is set, and empties `held`."""
-    assert component.held is not None
-    component_state = c.IndexExpr(c.Arrow(S, "components"), c.Number(str(component.index)))
-    stores = [
-        c.IfStmt(
-            _held_condition(frame, component, k),
-            (
-                c.Assign(frame.topic_place(output.topic), _held_part(frame, component, "out", k)),
-                c.Assign(_stamp_place(output.topic), CT),
-                *frame.push_to_queues(output.topic),
-            ),
-        )
-        for k, output in enumerate(outputs)
-    ]
-    body = (
-        frame.state_pointer(),
-        c.IfStmt(c.Binary("!=", c.Member(component_state, "oe"), c.Number("0U")), tuple(stores)),
-        _empty_held(frame, component),
-        c.Assign(_stamp_place(component.held), c.Name("SOTER_NEVER")),
-    )
-    doc = f"what {component.name} held takes effect"
-    return c.FunctionDef("void", f"{name}_effect", PARAMETERS, body, doc)
-
-
-def exchange_function(
-    frame: Frame, component: Component, outputs: tuple[core.Output, ...], name: str
-) -> c.FunctionDef:
-    """The C function that exchanges held values and stamps for those of the topics."""
-    body: list[c.CStmt] = [frame.state_pointer()]
-    for k, output in enumerate(outputs):
-        pairs = (
-            (frame.types.stored_type(output.type), "value", frame.topic_place(output.topic), "out"),
-            ("int64_t", "stamp", _stamp_place(output.topic), "at"),
-        )
-        swaps: list[c.CStmt] = []
-        for type_, kept, topic, part in pairs:
-            held = _held_part(frame, component, part, k)
-            swaps.append(c.Declare(type_, kept, topic, const=True))
-            swaps += [c.Assign(topic, held), c.Assign(held, c.Name(kept))]
-        body.append(c.IfStmt(_held_condition(frame, component, k), tuple(swaps)))
-    doc = f"what {component.name} holds and what the topics have change places"
-    return c.FunctionDef("void", f"{name}_exchange", PARAMETERS, tuple(body), doc)
-
-
-def _empty_held(frame: Frame, component: Component) -> c.CStmt:
-    assert component.held is not None
-    t = frame.system.topics[component.held].type
-    return c.Assign(frame.topic_place(component.held), frame.types.default_constant(t))
-
-
-def _held_part(frame: Frame, component: Component, purpose: str, k: int) -> c.CExpr:
-    assert component.held is not None
-    return c.Member(frame.topic_place(component.held), field_name(f"{purpose}_{k}"))
-
-
-def _held_condition(frame: Frame, component: Component, k: int) -> c.CExpr:
-    return c.Binary("!=", _held_part(frame, component, "has", k), c.Number("0U"))
-
-
-def _stamp_place(topic: int) -> c.CExpr:
-    return c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(topic)))
 
 
 def node_step_function(
@@ -226,6 +78,14 @@ def _body_to_plan(frame: Frame, component: Component, step: core.NodeStep) -> Pl
 def _step_statements(
     frame: Frame, component: Component, step: core.NodeStep, name: str
 ) -> list[c.CStmt]:
+    """The statements of a step: first all that may fault, then all that changes the state.
+
+    Locals are loaded; lost values are looked for; a takeover, the body, the faults that the system
+    injects, the checks of outputs and the shield follow. A fault in any of these returns, with
+    locals as they were. Then locals are stored, the queues that were read are emptied, and outputs
+    are published, or held where the step takes time. An extern is answered before values that
+    its queues lost are looked for, as the interpreter does it.
+    """
     foreign = component.extern
     frame.body.choices = BranchChoices(component.name, None if foreign else frame.branches)
     takeover: list[c.CStmt] = []
@@ -260,7 +120,7 @@ def _step_statements(
         body += frame.publish_outputs(step.outputs, gated=component.role != "node")
         body += _store_shield_memory(frame, step)
     else:
-        body += hold(frame, component, step.outputs)
+        body += hold_outputs(frame, component, step.outputs)
     body.append(c.Return(OK))
     frame.body.choices = None
     return body
@@ -311,7 +171,7 @@ def _store_shield_memory(frame: Frame, step: core.NodeStep) -> list[c.CStmt]:
 def _store_hidden_topic(frame: Frame, cell: core.Cell, name: str, t: Type) -> tuple[c.CStmt, ...]:
     """Stores the value of temporary `name` in a hidden topic, with the time of this step."""
     stored = frame.types.commit_value(frame.cell_place(cell), t, frame.body.place(name))
-    return (*stored, c.Assign(_stamp_place(cell.owner), CT))
+    return (*stored, c.Assign(stamp_place(cell.owner), CT))
 
 
 def _call_linked(
@@ -427,6 +287,6 @@ def failsafe_function(frame: Frame, component: Component, name: str) -> c.Functi
         t = frame.system.topics[index].type
         constant = frame.types.constant(t, value, "failsafe")
         body.append(c.Assign(frame.topic_place(index), frame.types.to_store(t, constant)))
-        body.append(c.Assign(_stamp_place(index), CT))
+        body.append(c.Assign(stamp_place(index), CT))
         body += frame.push_to_queues(index)
     return c.FunctionDef("void", f"{name}_failsafe", (("void *", "state"),), tuple(body))

@@ -16,7 +16,16 @@ from soter.codegen.c_names import field_name
 from soter.codegen.c_types import float_number, int_number
 from soter.codegen.externs import clean_answer, to_ends
 from soter.codegen.faults import disturb, leaf_place, scaled_draw
-from soter.codegen.state_access import CT, HEADER, OK, STEP_PARAMETERS, S, flag_is_set, place_text
+from soter.codegen.state_access import (
+    CT,
+    HEADER,
+    OK,
+    STEP_PARAMETERS,
+    S,
+    flag_is_set,
+    place_text,
+    stamp_place,
+)
 from soter.core import core
 from soter.core.core_walks import walk
 from soter.language.model.types import (
@@ -116,7 +125,7 @@ class InputEmitter:
     def publish_function(self, topic: Topic) -> c.FunctionDef:
         """The C function that stores a value of the topic's type and set, and refuses others."""
         stored = self.types.stored_type(topic.type)
-        stamp = c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(topic.index)))
+        stamp = stamp_place(topic.index)
         size = c.CallExpr("sizeof", (VALUE,))
         copied = c.CallExpr("memcpy", (c.Unary("&", VALUE), c.Name("given"), size))
         body = (

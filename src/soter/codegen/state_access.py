@@ -41,6 +41,11 @@ def place_text(span: Span) -> str:
     return f"{span.source.name.rsplit('/', 1)[-1]}:{span.line}"
 
 
+def stamp_place(topic: int) -> c.CExpr:
+    """The C place of a topic's stamp in the state."""
+    return c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(topic)))
+
+
 def flag_is_set(flag: str) -> c.CExpr:
     """The C condition that `flag` is set among the flags of a step."""
     return c.Binary("!=", c.Binary("&", c.Name("flags"), c.Name(flag)), c.Number("0U"))
@@ -235,7 +240,7 @@ class Frame:
         """Reports and stores outputs; `gated`: stores them only if OE is set (rule n1)."""
         statements: list[c.CStmt] = []
         for k, output in enumerate(outputs):
-            stamp = c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(output.topic)))
+            stamp = stamp_place(output.topic)
             stores = [*self._store_output(k, output), c.Assign(stamp, CT)]
             bit = c.Number(f"{1 << k}U")
             published = c.Unary("*", c.Name("published"))

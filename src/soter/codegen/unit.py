@@ -12,7 +12,16 @@ from pathlib import PurePath
 from typing import TYPE_CHECKING
 
 from soter.codegen import c_tree as c
-from soter.codegen import conditions, decisions, faults, kernel_tables, nodes, plants_and_inputs
+from soter.codegen import (
+    conditions,
+    decisions,
+    faults,
+    held_outputs,
+    kernel_tables,
+    nodes,
+    plants_and_inputs,
+    queues,
+)
 from soter.codegen.body import Body
 from soter.codegen.c_names import FileNames, Unique, program_prefix, why_not_linkable
 from soter.codegen.c_printer import print_file
@@ -366,7 +375,7 @@ class UnitBuilder:
         queued = [t for t in self.system.topics if t.queues and t.index in filled_topics]
         definitions: list[c.CTop] = [
             *disturbed,
-            *(nodes.push_function(self.frame, t) for t in queued),
+            *(queues.push_function(self.frame, t) for t in queued),
         ]
         definitions += [
             self.inputs.publish_function(self.system.topics[i]) for i in self.open_topics
@@ -398,8 +407,8 @@ class UnitBuilder:
         if failsafe is not None:
             yield failsafe
         if x.held is not None:
-            yield nodes.effect_function(self.frame, x, step.outputs, name)
-            yield nodes.exchange_function(self.frame, x, step.outputs, name)
+            yield held_outputs.effect_function(self.frame, x, step.outputs, name)
+            yield held_outputs.exchange_function(self.frame, x, step.outputs, name)
         if x.binding and self.frame.is_linked(x):
             self.c_sources.append(x.binding.split(":")[1])
 

@@ -6,6 +6,6 @@ In reading order:
 - `name_resolution.py` asks the checker what each name means; `name_definitions.py` is the index
   that holds the answers.
 - `language_words.py` explains the words of the language; `completion.py` offers them, `hover.py`
-  describes a name, `symbols.py` lists and renames.
+  describes a name, `symbols.py` lists declarations, `renaming.py` renames.
 - `protocol_conversions.py` turns places and diagnostics into those of the protocol (LSP).
 """

@@ -17,7 +17,7 @@ from soter.diagnostics.diagnostic import Source
 from soter.editor import language_words
 from soter.editor.hover import head, type_text
 from soter.language.syntax import tree
-from soter.language.syntax.tokens import NAME, lex
+from soter.language.syntax.lexer import NAME, lex
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -18,7 +18,7 @@ from lsprotocol import types as lsp
 from pygls.exceptions import JsonRpcInvalidRequest
 
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, Source, Span
-from soter.editor import symbols
+from soter.editor import renaming, symbols
 from soter.editor.completion import completion_items
 from soter.editor.hover import hover_text
 from soter.editor.language_words import word_meaning
@@ -26,8 +26,8 @@ from soter.editor.protocol_conversions import AGAIN, Lines, path_of_span, range_
 from soter.language.load.loader import LoadedFile
 from soter.language.model.types import show_ns
 from soter.language.syntax import tree
+from soter.language.syntax.lexer import lex
 from soter.language.syntax.printer import format_source
-from soter.language.syntax.tokens import lex
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -245,7 +245,7 @@ def _answer_about_names(server: LanguageServer, documents: Documents) -> None:
         if at is None or use is None:
             return None
         indices = [index for _, index in _programs_naming(at, use.definition)]
-        uses = symbols.uses_of(use.definition, indices)
+        uses = renaming.uses_of(use.definition, indices)
         declared = params.context.include_declaration
         return [documents.location(u.span) for u in uses if declared or not u.is_declaration]
 
@@ -266,8 +266,8 @@ def _answer_about_renaming(server: LanguageServer, documents: Documents) -> None
         if at is None or use is None:
             return None
         try:
-            symbols.require_name(use.definition, use.definition.name)
-        except symbols.RefusedError:
+            renaming.require_name(use.definition, use.definition.name)
+        except renaming.RefusedError:
             return None
         where = at.lines.range(use.span.start, use.span.end)
         return lsp.PrepareRenamePlaceholder(where, use.definition.name)
@@ -279,10 +279,10 @@ def _answer_about_renaming(server: LanguageServer, documents: Documents) -> None
             return None
         programs = [path for path, _ in _programs_naming(at, use.definition)]
         try:
-            spans = symbols.rename_spans(
+            spans = renaming.rename_spans(
                 use.definition, params.new_name, programs, documents.reading
             )
-        except symbols.RefusedError as refused:
+        except renaming.RefusedError as refused:
             raise JsonRpcInvalidRequest(str(refused)) from None
         return workspace_edit(((span, params.new_name) for span in spans), documents)
 

@@ -21,9 +21,9 @@ from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.statements import Evaluator
 from soter.language.model.types import FloatType, show_ns
 from soter.language.model.values import to_json
+from soter.semantics.answered_draws import AnsweredDraws
 from soter.semantics.configuration import AC, SC, DecisionVerdict, StepOutcome
-from soter.semantics.draws import AnsweredDraws
-from soter.semantics.rules import judging_fault, violated_properties
+from soter.semantics.judgements import judging_fault, violated_properties
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -243,11 +243,11 @@ class TraceDraws(AnsweredDraws):
         super().__init__(system, self._next_pick, seed)
         self._given: dict[str, list[Choice]] = {}
         self._values: list[object] = []
-        """The values taken, as JSON, in the order of `asked`; None where the stream has none."""
+        """The values taken, as JSON, in the order of `questions`; None where a stream has none."""
 
     def begin(self, choices: Iterable[Choice]) -> None:
         """Begins a step whose questions these choices answer."""
-        self.asked.clear()
+        self.questions.clear()
         self._values = []
         self._given = {}
         for choice in choices:
@@ -258,7 +258,7 @@ class TraceDraws(AnsweredDraws):
         for stream, left in self._given.items():
             if left:
                 raise NotAllowedError(f"nothing asks for a choice from `{stream}`")
-        pairs = zip(self.asked, self._values, strict=True)
+        pairs = zip(self.questions, self._values, strict=True)
         return tuple([Choice(a.stream, a.pick, a.count, value) for a, value in pairs])
 
     def tell(self, value: object) -> None:
@@ -299,7 +299,7 @@ class TraceDraws(AnsweredDraws):
 
     def _keep_value(self, value: object) -> None:
         """Notes the value of the question that was asked last, if there was one."""
-        if len(self.asked) > len(self._values):
+        if len(self.questions) > len(self._values):
             self._values.append(value)
 
 

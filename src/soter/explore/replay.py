@@ -37,7 +37,8 @@ from soter.language.model.types import ListType
 from soter.language.model.values import to_json
 from soter.semantics.configuration import DecisionVerdict, StepOutcome
 from soter.semantics.interpreter import Interpreter
-from soter.semantics.rules import environment_input, judging_fault
+from soter.semantics.judgements import judging_fault
+from soter.semantics.rules import environment_input
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping

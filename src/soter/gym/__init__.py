@@ -11,7 +11,8 @@ In reading order:
 - `compiled_system.py` compiles the system once for all environments; a `Session` of `session.py`
   steps that C, and stops where agent or plant has to answer.
 - `array_mapping.py` turns arrays of Gymnasium into values of the program, and back.
-- `guard.py` carries actions and observations between agent, module and environment.
+- `guard.py` carries actions and observations between agent, module and environment; `step_info.py`
+  says in `info` what the module did.
 - `protected.py` has the environments that agents step, `vector.py` those of thousands of worlds.
 - `plant_model.py` finds steps that the plant of the proof cannot explain; `safety_warnings.py`
   warns of runs about which a proof says nothing; `plant_conformance.py` measures an environment.

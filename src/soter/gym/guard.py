@@ -29,8 +29,15 @@ from soter.gym.safety_warnings import (
     warn_of_wrappers,
     warn_off_model,
 )
-from soter.gym.session import NO_NUMBERS, Session, copy_numbers, one_world_environment
-from soter.language.evaluate.arithmetic import FaultKind
+from soter.gym.session import (
+    NO_NUMBERS,
+    NO_STATES,
+    SAME_BUT_MARGIN,
+    Session,
+    copy_numbers,
+    one_world_environment,
+)
+from soter.gym.step_info import flag_info, refusal_cause
 from soter.language.model.values import ValueShapeError, ValueStructureError, to_python
 from soter.semantics.externs import convert_answer
 
@@ -46,24 +53,18 @@ if TYPE_CHECKING:
     from soter.language.model.types import Type, Value
 
 SEED_END = 2**63
-CAUSES = (None, "gate", "stale", "ttf", "recovering", "forced", "toward sc")
-"""Why the agent's action did not count, or was changed; the index is `soter_cause` of C."""
-AS_TOLD = -2
-"""`SOTER_AS_TOLD`: the agent is due, and of `info` only the margin differs from the last step's."""
-NO_STATES = -1
-"""`SOTER_NO_STATES`: what was given is no state of the plant."""
 
 NOT_COPIED = (
     "session",
-    "asked",
-    "judged",
-    "_next_command",
+    "plant_model",
+    "after_judged_step",
+    "_make_next_command",
     "program",
-    "_reads",
-    "_states",
-    "_outputs",
-    "_single",
+    "_topics_read",
+    "_state_types",
+    "_output_types",
 )
+"""Attributes that a copy makes anew, or has as None (`after_judged_step`)."""
 
 
 class EnvironmentGuard:
@@ -98,54 +99,60 @@ class EnvironmentGuard:
         self.choice = (system, module, plant, params, measured)
         self._info_keys = None if info_keys is None else ordered_info_keys(info_keys)
         self._observe, self._act, self._command = observe, act, command
-        self._cuts, self._alarm, self._tolerance = truncate_on_violation, alarm, tolerance
-        self._observed = env.observation_space.dtype
-        self.judged: Callable[[SessionPlant], None] | None = None
+        self._truncates_on_violation, self._alarm, self._tolerance = (
+            truncate_on_violation,
+            alarm,
+            tolerance,
+        )
+        self._observation_dtype = env.observation_space.dtype
+        self.after_judged_step: Callable[[SessionPlant], None] | None = None
         """A function that is called after each step that the model judged."""
-        self._numbered: np.random.Generator | None = None
-        self._last: Any = None
-        self._values: list[Value] = []
-        self._over = True
-        self._unseen = False
-        self._off_model = False
-        self._violations = 0
+        self._seed_generator: np.random.Generator | None = None
+        self._last_observation: Any = None
+        self._state_values: list[Value] = []
+        self._episode_is_over = True
+        self._has_warned_of_unseen = False
+        self._has_warned_off_model = False
+        self._violations_before = 0
         self._compile_choices(env.action_space)
         if observe is None:
             warn_of_wrappers(env)
         warn_of_no_control(self.session.compiled)
         if command is None:
-            warn_of_narrow_space(env.action_space, self._reads)
+            warn_of_narrow_space(env.action_space, self._topics_read)
         outputs = array_mapping.topics_published(self.session.system, self.session.agent)
         self.action_space = action_space or array_mapping.action_space(outputs)
-        self._masks = isinstance(self.action_space, spaces.Discrete)
+        self._has_masks = isinstance(self.action_space, spaces.Discrete)
 
     def _compile_choices(self, space: spaces.Space[Any]) -> None:
         """Compiles the chosen system and prepares arrays; `space` has the env's actions."""
-        self._space = space
+        self._env_action_space = space
         made = one_world_environment(self.program, *self.choice)
         session = self.session = Session(made, self.program.bound)
         outputs = array_mapping.topics_published(made.system, session.agent)
-        self._reads = array_mapping.topics_read(made.system, session.plant)
-        self._states = array_mapping.named_state_types(session.plant)
-        self._outputs = [(t.name.rpartition(".")[2], t.type) for t in outputs]
-        self._moves_numbers = self._observe is None and made.moves_numbers
-        self._acts_numbers = self._act is None and made.acts_numbers
-        self.asked = self._step_model(made)
-        self._plant = session.plant.index
-        self._direct = session.alone and self._moves_numbers and self._acts_numbers
+        self._topics_read = array_mapping.topics_read(made.system, session.plant)
+        self._state_types = array_mapping.named_state_types(session.plant)
+        self._output_types = [(t.name.rpartition(".")[2], t.type) for t in outputs]
+        self._observations_are_numbers = self._observe is None and made.moves_numbers
+        self._actions_are_numbers = self._act is None and made.acts_numbers
+        self.plant_model = self._step_model(made)
+        self._plant_index = session.plant.index
+        self._calls_c_directly = (
+            session.alone and self._observations_are_numbers and self._actions_are_numbers
+        )
         self._info_by_flags: dict[int, dict[str, Any]] = {}
         self._repeated_info: dict[str, Any] = {}
-        self._repeats = not made.linked and session.module.shield is None
-        self._next_command = None
+        self._may_repeat_info = not made.linked and session.module.shield is None
+        self._make_next_command = None
         if self._command is None and made.commands_numbers:
-            self._next_command = self._command_source(space)
+            self._make_next_command = self._command_source(space)
 
     def _command_source(self, space: spaces.Space[Any]) -> Callable[[], Any]:
         """Gives the function that makes the environment's next action; SoterError U001."""
         session = self.session
         next_command = array_mapping.action_maker(space, len(session.command))
         if isinstance(space, spaces.Box) and space.shape == session.command.shape:
-            bounds = [b for t in self._reads for b in t.bounds]
+            bounds = [b for t in self._topics_read for b in t.bounds]
             if space.dtype == np.float64:
                 return session.command.copy
             if space.dtype == np.float32 and all(b and is_single(b) for b in bounds):
@@ -164,9 +171,10 @@ class EnvironmentGuard:
                 reason = why_no_model(chosen_plant(flat, plant)) or "its states have lists"
                 raise wrong_choice(f"there is no model to compare with: {reason}", "alarm=False")
             return None
-        asked = SessionPlant(model, made, *tolerances(model, self._observed, self._tolerance))
-        self.session.attach_model(asked)
-        return asked
+        tolerance = tolerances(model, self._observation_dtype, self._tolerance)
+        session_plant = SessionPlant(model, made, *tolerance)
+        self.session.attach_model(session_plant)
+        return session_plant
 
     # ------------------------------------------------------------ episodes
 
@@ -174,15 +182,15 @@ class EnvironmentGuard:
         self, env: gymnasium.Env[Any, Any], seed: int | None, options: dict[str, Any] | None
     ) -> tuple[Any, dict[str, Any]]:
         """Starts an episode; every draw of the program follows from the seed. SoterError U001."""
-        if seed is not None or self._numbered is None:
-            self._numbered, _ = seeding.np_random(seed)
+        if seed is not None or self._seed_generator is None:
+            self._seed_generator, _ = seeding.np_random(seed)
         observation, env_info = env.reset(seed=seed, options=options)
         session = self.session
         session.outside.told = 0
-        session.start(int(self._numbered.integers(SEED_END)))
-        if not self._moves_numbers:
-            self._values = self._plant_states(observation)
-            session.place_values(self._values)
+        session.start(int(self._seed_generator.integers(SEED_END)))
+        if not self._observations_are_numbers:
+            self._state_values = self._plant_states(observation)
+            session.place_values(self._state_values)
         elif not (self._observation_numbers(observation) and session.place_numbers()):
             raise self._no_states_error(observation)
         if broken := self._states_not_finite():
@@ -191,12 +199,12 @@ class EnvironmentGuard:
         before = int(session.facts["mode"])
         if session.run_until_due() != session.agent.index:
             raise wrong_choice("the advanced controller has a phase: the plant would move first")
-        self._last, self._over = observation, False
-        self._violations = 0
+        self._last_observation, self._episode_is_over = observation, False
+        self._violations_before = 0
         info = self._info_of_step(env_info, None, None) | {
             "switched": bool(session.seen.mode != before)
         }
-        self._violations = info["violations"]
+        self._violations_before = info["violations"]
         if session.seen.ttf:
             warn_of_start(session.module.name)
         return observation, self._wanted_info(info, env_info)
@@ -208,14 +216,18 @@ class EnvironmentGuard:
     ) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Answers for the agent, and steps `env` whenever the plant is due until the agent is.
 
+        There are two shorter ways. C reads the arrays of the agent and of `env` where they lie
+        (`act_directly`, `move_directly`); what it cannot read so goes through Python. And where C
+        finds a step that differs from the last one in the margin alone, `info` is a copy of that
+        step's.
         SoterError U001 where no episode has begun or it is over, or where numbers do not fit.
         """
-        if self._over:
-            begun = self._last is not None
+        if self._episode_is_over:
+            begun = self._last_observation is not None
             message = "the episode is over" if begun else "no episode has begun"
             raise wrong_choice(message, "call reset() first")
-        session, next_command, direct = self.session, self._next_command, self._direct
-        plant = self._plant
+        session, make_command = self.session, self._make_next_command
+        direct, plant = self._calls_c_directly, self._plant_index
         due = session.act_directly(action) if direct else NO_NUMBERS
         if due == NO_NUMBERS:
             due = self._give_action(action)
@@ -223,45 +235,45 @@ class EnvironmentGuard:
         env_info: dict[str, Any] = {}
         taken: Any = None
         while due == plant and not (ended or cut):
-            taken = self._current_command(env) if next_command is None else next_command()
+            taken = self._current_command(env) if make_command is None else make_command()
             last, gained, ended, cut, env_info = env.step(taken)
-            self._last = last
+            self._last_observation = last
             reward += float(gained)
             due = session.move_directly(last) if direct else NO_NUMBERS
             if due == NO_NUMBERS:
                 due = self._give_observation(last)
-            elif due == NO_STATES or self.judged is not None:
+            elif due == NO_STATES or self.after_judged_step is not None:
                 self._note_judged(last, due)
-        if due == AS_TOLD:
-            self._over = ended or cut
+        if due == SAME_BUT_MARGIN:
+            self._episode_is_over = ended or cut
             info = self._repeated_info.copy()
             info["margin"] = session.outside.margin_ns / 1e9
             info["action_taken"], info["action_requested"] = taken, action
             for key in env_info:
                 if key not in info:
                     info[key] = env_info[key]
-            asked_for = info if self._info_keys is None else self._wanted_info(info, env_info)
-            return last, reward, ended, cut, asked_for
+            wanted = info if self._info_keys is None else self._wanted_info(info, env_info)
+            return last, reward, ended, cut, wanted
         broken = self._states_not_finite() if session.outside.latched else []
         cut = cut or bool(broken)
-        self._over = ended or cut
+        self._episode_is_over = ended or cut
         info = self._info_of_step(env_info, action, taken)
         if broken:
             info |= {"off_model": True, "not_finite": broken}
-        if self._cuts and info["cost"]:
-            cut = self._over = True
+        if self._truncates_on_violation and info["cost"]:
+            cut = self._episode_is_over = True
         self._note_step(info)
-        return self._last, reward, ended, cut, self._wanted_info(info, env_info)
+        return self._last_observation, reward, ended, cut, self._wanted_info(info, env_info)
 
     def _note_step(self, info: dict[str, Any]) -> None:
         """Keeps what C compares the next step with; warns of the first step off the model."""
         session = self.session
-        self._violations = info["violations"]
-        if info["off_model"] and not self._off_model:
-            if self.judged is None:
-                self._off_model = True
+        self._violations_before = info["violations"]
+        if info["off_model"] and not self._has_warned_off_model:
+            if self.after_judged_step is None:
+                self._has_warned_off_model = True
                 warn_off_model(session.plant.name)
-        elif self._repeats and info["cause"] != "gate":
+        elif self._may_repeat_info and info["cause"] != "gate":
             self._repeated_info = self._repeatable_info(info["violations"])
 
     # ------------------------------------------------------------ the agent's answer
@@ -271,24 +283,26 @@ class EnvironmentGuard:
         session = self.session
         if self._act is None and getattr(action, "shape", ()) != session.action.shape:
             array_mapping.require_no_batch(self.action_space, action)
-        if not self._acts_numbers:
+        if not self._actions_are_numbers:
             session.act_with_values(self._action_values(action))
             return session.run_until_due()
         count = copy_numbers(action, session.action, "an action")
         if count is not None:
-            raise array_mapping.wrong_count(self._outputs, count, "an action")
+            raise array_mapping.wrong_count(self._output_types, count, "an action")
         return session.act_numbers()
 
     def _action_values(self, action: Any) -> list[Value | None] | None:  # noqa: ANN401 - any action
         """The values of the agent's topics for an action; None where it is no value of them."""
         try:
             if self._act is None:
-                return list(array_mapping.assemble_values(self._outputs, action, "an action"))
+                return list(array_mapping.assemble_values(self._output_types, action, "an action"))
             answer = self._act(action)
-            return list(convert_answer(self._outputs, answer))
+            return list(convert_answer(self._output_types, answer))
         except ValueStructureError as error:
             message = "`act` gave no outputs of the controller"
-            raise array_mapping.wrong_structure(message, self._outputs, answer, error) from error
+            raise array_mapping.wrong_structure(
+                message, self._output_types, answer, error
+            ) from error
         except ValueShapeError:
             return None
 
@@ -297,10 +311,10 @@ class EnvironmentGuard:
     def _give_observation(self, observation: Any) -> int:  # noqa: ANN401 - any observation
         """Gives an observation to the module; returns the component that is due then."""
         session = self.session
-        if not self._moves_numbers:
-            states = self._values = self._plant_states(observation)
-            if self.asked is not None:
-                session.moved[:] = array_mapping.numbers_of_values(self._states, states)
+        if not self._observations_are_numbers:
+            states = self._state_values = self._plant_states(observation)
+            if self.plant_model is not None:
+                session.moved[:] = array_mapping.numbers_of_values(self._state_types, states)
                 session.judge_move()
                 self._note_judged(observation, session.plant.index)
             session.move_to_values(states)
@@ -311,20 +325,20 @@ class EnvironmentGuard:
 
     def _states_not_finite(self) -> list[str]:
         """Names the states that the environment showed as NaN or infinite."""
-        values = self._values
-        if self._moves_numbers:
+        values = self._state_values
+        if self._observations_are_numbers:
             values = array_mapping.assemble_values(
-                self._states, self.session.moved, "an observation"
+                self._state_types, self.session.moved, "an observation"
             )
-        named = zip(self._states, values, strict=True)
+        named = zip(self._state_types, values, strict=True)
         return [n for (n, _), value in named if not array_mapping.is_finite(value)]
 
     def _note_judged(self, observation: Any, due: int) -> None:  # noqa: ANN401 - any observation
         """Passes the judged step to `judged`; SoterError U001 if the observation was no state."""
         if due == NO_STATES:
             raise self._no_states_error(observation)
-        if self.judged is not None and self.asked is not None:
-            self.judged(self.asked)
+        if self.after_judged_step is not None and self.plant_model is not None:
+            self.after_judged_step(self.plant_model)
 
     def _observation_numbers(self, observation: Any) -> bool:  # noqa: ANN401 - any observation
         return copy_numbers(observation, self.session.moved, "an observation") is None
@@ -333,9 +347,9 @@ class EnvironmentGuard:
         """Gives the SoterError that says why an observation is no state of the plant."""
         count = copy_numbers(observation, self.session.moved, "an observation")
         if count is not None:
-            return array_mapping.wrong_count(self._states, count, "an observation")
+            return array_mapping.wrong_count(self._state_types, count, "an observation")
         try:
-            array_mapping.assemble_values(self._states, observation, "an observation")
+            array_mapping.assemble_values(self._state_types, observation, "an observation")
         except ValueShapeError as error:
             return wrong_choice(f"an observation is no state of the plant: {error}")
         raise AssertionError(observation)
@@ -343,25 +357,29 @@ class EnvironmentGuard:
     def _plant_states(self, observation: Any) -> list[Value]:  # noqa: ANN401 - any observation
         """The plant's states by an observation; what `observe` leaves out keeps its value."""
         if self._observe is None:
-            return array_mapping.assemble_values(self._states, observation, "an observation")
+            return array_mapping.assemble_values(self._state_types, observation, "an observation")
         try:
             answer = self._observe(observation)
-            states = convert_answer(self._states, answer)
+            states = convert_answer(self._state_types, answer)
         except ValueShapeError as error:
             message = "`observe` gave no state of the plant"
-            raise array_mapping.wrong_structure(message, self._states, answer, error) from error
+            raise array_mapping.wrong_structure(
+                message, self._state_types, answer, error
+            ) from error
         old = self.session.plant_states()
-        unseen = [n for (n, _), v in zip(self._states, states, strict=True) if v is None]
-        if unseen and not self._unseen:
-            self._unseen = True
+        unseen = [n for (n, _), v in zip(self._state_types, states, strict=True) if v is None]
+        if unseen and not self._has_warned_of_unseen:
+            self._has_warned_of_unseen = True
             warn_of_unseen(unseen)
-        if self.asked is not None:
-            self.asked.compare_only([v is not None for v in states])
+        if self.plant_model is not None:
+            self.plant_model.compare_only([v is not None for v in states])
         return [a if b is None else b for a, b in zip(old, states, strict=True)]
 
     def _current_command(self, env: gymnasium.Env[Any, Any]) -> Any:  # noqa: ANN401 - an action of it
-        values = [self.session.topic_value(t.index) for t in self._reads]
-        shapes: list[tuple[str, Type]] = [(t.name.rpartition(".")[2], t.type) for t in self._reads]
+        values = [self.session.topic_value(t.index) for t in self._topics_read]
+        shapes: list[tuple[str, Type]] = [
+            (t.name.rpartition(".")[2], t.type) for t in self._topics_read
+        ]
         if self._command is None:
             return array_mapping.action_from_numbers(
                 env.action_space, array_mapping.numbers_of_values(shapes, values)
@@ -380,20 +398,22 @@ class EnvironmentGuard:
         """Joins `env_info` of the environment with what is known of the module after a step."""
         session = self.session
         outside, violations = session.outside, session.seen.violations
-        if self._over and session.compiled.linked:
+        if self._episode_is_over and session.compiled.linked:
             violations = session.violation_count(over=True)
         known = self._info_by_flags.get(outside.flags)
         if known is None:
-            known = self._info_by_flags[outside.flags] = self._flag_info(session.seen.taken_by)
+            known = self._info_by_flags[outside.flags] = flag_info(
+                session, session.seen.taken_by, has_model=self.plant_model is not None
+            )
         info = {**env_info, **known} if env_info else known.copy()
         info["margin"] = outside.margin_ns / 1e9
         info["violations"] = violations
         info["action_taken"] = taken
         info["action_requested"] = action
-        info["cost"] = float(violations - self._violations)
+        info["cost"] = float(violations - self._violations_before)
         if info["cause"] == "gate":
-            info["cause"] = self._refusal_cause()
-        if self._masks and session.module.shield is not None:
+            info["cause"] = refusal_cause(session)
+        if self._has_masks and session.module.shield is not None:
             info["action_mask"] = self.action_masks().astype(np.int8)
         return info
 
@@ -411,40 +431,15 @@ class EnvironmentGuard:
         known = self._info_by_flags[outside.flags]
         return {**known, "violations": violations, "cost": 0.0}
 
-    def _flag_info(self, before: int) -> dict[str, Any]:
-        """The part of `info` that follows from flags; `before` is the mode before the step."""
-        seen = self.session.seen
-        mode, stepped, gate_fault = seen.mode, seen.steps > 0, bool(seen.gate_fault)
-        counted = bool(seen.taken_by) and not gate_fault and not seen.moved
-        return {
-            "mode": "AC" if mode else "SC",
-            "ttf": bool(seen.ttf),
-            "safer": bool(seen.safer),
-            "stale": bool(seen.stale),
-            "switched": mode != before,
-            "taken_by": ("AC" if seen.taken_by else "SC") if stepped else None,
-            "gate_fault": gate_fault,
-            "intervened": stepped and not counted,
-            "cause": CAUSES[seen.cause],
-            "off_model": None if self.asked is None else bool(seen.off_model),
-        }
-
     def action_masks(self) -> npt.NDArray[np.bool_]:
         """Whether AC in control would publish each `Discrete` action unmoved, (n,); U001."""
         space = self.action_space
         if not isinstance(space, spaces.Discrete):
             raise wrong_choice("only a `Discrete` action space has a mask", f"it is {space}")
-        if self._over:  # nobody is asked
+        if self._episode_is_over:  # nobody is asked
             return np.zeros(int(space.n), dtype=np.bool_)
         actions = range(int(space.start), int(space.start) + int(space.n))
         return np.array([self.session.would_publish(self._action_values(a)) for a in actions])
-
-    def _refusal_cause(self) -> str:
-        """The cause of the last refusal: "shield" where a shield forbade it, else "gate"."""
-        if self.session.module.shield is None:
-            return "gate"
-        agent = self.session.record["components"][self.session.agent.index]
-        return "shield" if agent["last_fault"] == FaultKind.SHIELD else "gate"
 
     # ------------------------------------------------------------ copies
 
@@ -473,8 +468,8 @@ class EnvironmentGuard:
     def _restore_session(self, program: soter.api.Program, state: dict[str, Any]) -> None:
         saved = state.pop("_saved")
         vars(self).update(state)
-        self.program, self.judged = program, None
-        self._compile_choices(self._space)
+        self.program, self.after_judged_step = program, None
+        self._compile_choices(self._env_action_space)
         self.session.restore_state(saved)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> EnvironmentGuard:

@@ -82,9 +82,9 @@ class Conformance:
 class _Tally:
     """Sums up the model's judgements of all steps."""
 
-    def __init__(self, asked: SessionPlant) -> None:
-        model = asked.model
-        self.asked, self.steps, self.inside, self.most = asked, 0, 0, -1.0
+    def __init__(self, session_plant: SessionPlant) -> None:
+        model = session_plant.model
+        self.steps, self.inside, self.most = 0, 0, -1.0
         self.residual, self.undisturbed = (np.zeros(len(model.names)) for _ in range(2))
         self.used = np.zeros(len(model.drawn))
         self.half = np.maximum((model.high - model.low) / 2.0, np.finfo(float).tiny)
@@ -93,26 +93,28 @@ class _Tally:
         self.wrapped = np.zeros(len(model.names), dtype=np.int64)
         self.observed = np.zeros(len(model.names), dtype=bool)
 
-    def count_step(self, asked: SessionPlant, session: Session) -> None:
+    def count_step(self, session_plant: SessionPlant, session: Session) -> None:
         """Counts a step, which ended at the numbers that `session` was given."""
-        left = np.abs(asked.residual)
+        left = np.abs(session_plant.residual)
         self.steps += 1
-        self.observed |= asked.observed
-        self.inside += asked.explained
-        if not asked.explained:
-            self.wrapped += _are_near_turns(asked.undisturbed) & np.isfinite(asked.tolerance)
+        self.observed |= session_plant.observed
+        self.inside += session_plant.explained
+        if not session_plant.explained:
+            self.wrapped += _are_near_turns(session_plant.undisturbed) & np.isfinite(
+                session_plant.tolerance
+            )
         self.residual = np.maximum(self.residual, left)
-        self.undisturbed = np.maximum(self.undisturbed, np.abs(asked.undisturbed))
-        self.used = np.maximum(self.used, np.abs(asked.chosen - self.middle) / self.half)
-        allowed = asked.tolerance + asked.pointer.relative * np.abs(session.moved)
+        self.undisturbed = np.maximum(self.undisturbed, np.abs(session_plant.undisturbed))
+        self.used = np.maximum(self.used, np.abs(session_plant.chosen - self.middle) / self.half)
+        allowed = session_plant.tolerance + session_plant.pointer.relative * np.abs(session.moved)
         part = float(np.max(left / np.maximum(allowed, np.finfo(float).tiny)))
         if not part <= self.most:
             self.most = part
             self.worst = {
-                "from": asked.origin.tolist(),
+                "from": session_plant.origin.tolist(),
                 "to": session.moved.tolist(),
                 "command": session.command.tolist(),
-                "residual": asked.residual.tolist(),
+                "residual": session_plant.residual.tolist(),
             }
 
 
@@ -146,34 +148,34 @@ def conformance(
             f"`{type(env).__name__}` is not protected by a program",
             "give Protected(program, env) or SafetyWrapper(env, program)",
         )
-    if guard.asked is None:
+    if guard.plant_model is None:
         raise wrong_choice(
             "there is no model of the plant to compare with",
             "the plant has to be Soter's, without `choose`, and `alarm` not False",
         )
-    tally = _Tally(guard.asked)
+    tally = _Tally(guard.plant_model)
     session = guard.session
 
-    def count_judged(asked: SessionPlant) -> None:
-        tally.count_step(asked, session)
+    def count_judged(session_plant: SessionPlant) -> None:
+        tally.count_step(session_plant, session)
 
-    guard.judged = count_judged
+    guard.after_judged_step = count_judged
     try:
         env.action_space.seed(seed)
         observation, _ = env.reset(seed=seed)
-        asked_of, driven = 0, 0
+        agent_steps, driven = 0, 0
         while tally.steps < n:
             action = env.action_space.sample() if policy is None else policy(observation)
             observation, _, ended, cut, _ = env.step(action)
             seen = session.seen
-            asked_of, driven = asked_of + 1, driven + bool(seen.steps and seen.taken_by)
+            agent_steps, driven = agent_steps + 1, driven + bool(seen.steps and seen.taken_by)
             if ended or cut:
                 observation, _ = env.reset()
     finally:
-        guard.judged = None
+        guard.after_judged_step = None
     if not driven:
-        warn_of_sc_alone(asked_of)
-    model = guard.asked.model
+        warn_of_sc_alone(agent_steps)
+    model = guard.plant_model.model
     return Conformance(
         steps=tally.steps,
         inside=tally.inside,
@@ -183,5 +185,5 @@ def conformance(
         worst=tally.worst,
         wrapped={n: k for n, k in zip(model.names, tally.wrapped.tolist(), strict=True) if k},
         not_observed=tuple(n for n, o in zip(model.names, tally.observed, strict=True) if not o),
-        ac_share=driven / asked_of,
+        ac_share=driven / agent_steps,
     )

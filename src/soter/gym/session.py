@@ -55,6 +55,10 @@ if TYPE_CHECKING:
 
 ONE_ARGUMENT = 0x0008
 """METH_O of Python's C interface: a function of one argument."""
+NO_STATES = -1
+"""`SOTER_NO_STATES`: what was given is no state of the plant."""
+SAME_BUT_MARGIN = -2
+"""`SOTER_AS_TOLD`: the agent is due, and of `info` only the margin differs from the last step's."""
 NO_NUMBERS = -3
 """`SOTER_NO_NUMBERS`: what was given is no array that C reads as it is; nothing was done."""
 NEEDED = {
@@ -207,7 +211,7 @@ class Session:
         return self._run_past_externs(self._lib.soter_outside_act(self.outside))
 
     def move_numbers(self) -> int:
-        """Answers for the plant with `moved`, and runs on; -1 where it has no such states."""
+        """Answers for the plant with `moved`, and runs on; NO_STATES where these are none of it."""
         due: int = self._lib.soter_outside_move(self.outside)
         return due if due < 0 else self._run_past_externs(due)
 
@@ -223,10 +227,10 @@ class Session:
         self.outside.single = self.compiled.ffi.cast("float *", self._rounded.ctypes.data)
         return self._rounded
 
-    def attach_model(self, asked: SessionPlant) -> None:
+    def attach_model(self, model: SessionPlant) -> None:
         """Lets a model judge every `move_numbers`, and each `judge_move`."""
-        self._asked = asked
-        self.outside.model = asked.pointer
+        self._model = model
+        self.outside.model = model.pointer
 
     def judge_move(self) -> None:
         """Lets the model judge a step of the plant, which is due, to the states `moved`."""

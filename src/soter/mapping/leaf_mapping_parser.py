@@ -24,10 +24,11 @@ from soter.language.model.types import (
     leaves,
 )
 from soter.language.model.values import ValueShapeError, from_json
+from soter.mapping.frames import SAME
 from soter.mapping.mapping_errors import is_number, unknown_name
 from soter.mapping.message_types import INTEGERS, NUMBERS, NoSuchFieldError
 from soter.mapping.topic_mapping import ConstantSource, NearestSource, SignalSource, SlopeSource
-from soter.mapping.units import DIMENSIONS, RATES, SAME, UNITS, cycle, factor_between, standard_unit
+from soter.mapping.units import DIMENSIONS, RATES, UNITS, cycle, factor_between, standard_unit
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -35,10 +36,10 @@ if TYPE_CHECKING:
 
     from soter.language.model.system import Topic
     from soter.language.model.types import Type
+    from soter.mapping.frames import Turn
     from soter.mapping.mapping_errors import MappingProblems
     from soter.mapping.message_types import MessageType
     from soter.mapping.topic_mapping import Leaf, LeafPath
-    from soter.mapping.units import Turn
 
 
 NEAREST_KEYS = ("nearest", "most", "unseen")

@@ -16,12 +16,13 @@ from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.system_texts import reason
 from soter.language.load.named_files import parse_json, read_bytes, read_json_text
+from soter.mapping.frames import WORLD
 from soter.mapping.mapping_errors import MappingProblems, is_number, unknown_name, wrong_mapping
 from soter.mapping.mavlink_dialects import MavlinkMessage, is_mavlink, read_link
 from soter.mapping.message_types import MessageTypes, UnknownMessageError
 from soter.mapping.topic_mapping import LogMap
 from soter.mapping.topic_mapping_parser import TopicReader
-from soter.mapping.units import TIME_UNITS, WORLD
+from soter.mapping.units import TIME_UNITS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

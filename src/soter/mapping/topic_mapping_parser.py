@@ -17,6 +17,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from soter.language.model.types import FloatType, leaves, show_ns
+from soter.mapping.frames import FRAMES, SAME, known_frame, turn_between
 from soter.mapping.leaf_mapping_parser import LeafReader
 from soter.mapping.mapping_errors import is_number, unknown_name
 from soter.mapping.message_types import (
@@ -35,15 +36,15 @@ from soter.mapping.topic_mapping import (
     SourcePromise,
     TopicMap,
 )
-from soter.mapping.units import FRAMES, SAME, TIME_UNITS, known_frame, turn_between
+from soter.mapping.units import TIME_UNITS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from soter.language.model.system import Topic
+    from soter.mapping.frames import Turn
     from soter.mapping.mapping_errors import MappingProblems
     from soter.mapping.message_types import KnownTypes, MessageType
-    from soter.mapping.units import Turn
 
 
 KEYS = ("reliability", "durability", "depth")

@@ -11,7 +11,7 @@ from itertools import pairwise
 from statistics import median
 from typing import TYPE_CHECKING
 
-from soter.language.elaborate.passes.step_times import PUBLICATIONS, is_measured, least_age_ns
+from soter.language.elaborate.passes.read_ages import PUBLICATIONS, is_measured, least_age_ns
 from soter.language.model.types import show_ns
 
 if TYPE_CHECKING:

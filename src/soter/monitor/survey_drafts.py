@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.render import safe
 from soter.language.model.types import write_ns
-from soter.language.syntax.tokens import RESERVED
+from soter.language.syntax.lexer import RESERVED
 from soter.monitor.log_files.log_columns import seconds_text
 from soter.monitor.log_survey import STAMP, Channel, LogSurvey, rounded_up
 

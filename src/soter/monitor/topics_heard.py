@@ -14,7 +14,7 @@ from math import inf
 from statistics import median
 from typing import TYPE_CHECKING
 
-from soter.language.elaborate.passes.step_times import is_measured
+from soter.language.elaborate.passes.read_ages import is_measured
 from soter.language.model.tree_walk import nodes
 from soter.language.model.typed import AgeRead
 from soter.monitor.decidable_modules import Decidable, reads_of_node, topics_behind, writes_of_node

@@ -24,11 +24,7 @@ from soter.semantics.configuration import (
     AC,
     NEVER,
     SC,
-    ComponentRecord,
     Configuration,
-    ModuleRecord,
-    PropertyRecord,
-    Record,
     StepOutcome,
     enabled_at_first,
     with_value,
@@ -37,6 +33,7 @@ from soter.semantics.draws import choice_answerer, chosen_value, value_of_leaves
 from soter.semantics.executable_system import ExecutableSystem
 from soter.semantics.externs import reset_extern
 from soter.semantics.faults import disturbance_factor, next_in_any_order, with_faults
+from soter.semantics.judgements import violated_properties
 from soter.semantics.publication_gate import (
     check_publications,
     latch_component,
@@ -49,8 +46,8 @@ from soter.semantics.rules import (
     dm_step,
     environment_input,
     next_instant,
-    violated_properties,
 )
+from soter.semantics.run_record import ComponentRecord, ModuleRecord, PropertyRecord, Record
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping

@@ -1,25 +1,19 @@
-"""The four rules of the paper's Figure "Semantics of an RTA System", shields and properties.
+"""The four rules of the paper's Figure "Semantics of an RTA System".
 
 Purpose: each rule is one function from a configuration to a configuration; the figure's conditions
-are named beside the line that is them. Rulings beyond the paper: docs/semantics.md. A shield judges
-the commands of a module before they are published: it moves those of AC toward SC's, or makes a
-step fault of them (docs/semantics.md, Shields). `violated_properties` says which `always` and
-`never` are violated at the end of an instant, judged on the truth, and `violated_contracts` which
-`assumes` and `guarantees` of a node as it steps.
-Non-goals: which rule comes next, with what input, and steps of plants (`interpreter.py`); which
-commands are permitted (`verify/deploy/shield_tables.py`); onsets and counts (`configuration.py`),
-temporal properties of tests (`explore/`).
+are named beside the line that is them. Rulings beyond the paper: docs/semantics.md.
+Non-goals: which rule comes next, with what input, and steps of plants (`interpreter.py`); shields
+(`shields.py`), properties (`judgements.py`), onsets and counts (`run_record.py`).
 
 Every rule assumes its premises; `FN` is the set of components that remain to be fired.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
-from soter.language.model.types import made_of, numbers_in
 from soter.semantics.configuration import (
     AC,
     NEVER,
@@ -27,13 +21,12 @@ from soter.semantics.configuration import (
     DecisionVerdict,
     StepOutcome,
     enabled_outputs,
-    latch_seen,
-    latch_switched,
-    plan_chosen,
     with_value,
 )
 from soter.semantics.draws import choice_answerer, draw_bits
 from soter.semantics.faults import is_released, next_release, overrun_ns, with_faults
+from soter.semantics.judgements import violated_contracts
+from soter.semantics.latches import latch_seen, latch_switched, plan_chosen
 from soter.semantics.publication_gate import (
     check_publications,
     clear_lost_queues,
@@ -44,143 +37,13 @@ from soter.semantics.publication_gate import (
     publish,
     require_nothing_lost,
 )
+from soter.semantics.shields import apply_shield
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from soter.language.evaluate.environment import Environment
     from soter.language.model.system import Component, Module
     from soter.language.model.types import Value
     from soter.semantics.configuration import Configuration
-    from soter.semantics.executable_system import ExecutableSystem, ShieldCode
-
-
-def violated_properties(machine: ExecutableSystem, c: Configuration) -> list[bool]:
-    """Tells of each property if it is violated now: True on a fault, False for contracts."""
-    env = machine.environment(c)
-    return [
-        p.component is None and _is_violated(machine, p.index, env)
-        for p in machine.system.properties
-    ]
-
-
-def violated_contracts(
-    machine: ExecutableSystem, c: Configuration, component: Component, kind: str
-) -> dict[int, bool]:
-    """Tells of each contract of one kind that a node has, by property index, if it is violated."""
-    indices = [i for k, i in machine.contracts.get(component.index, ()) if k == kind]
-    if not indices:
-        return {}
-    env = machine.environment(c, component)
-    return {i: _is_violated(machine, i, env) for i in indices}
-
-
-def judging_fault(
-    machine: ExecutableSystem, c: Configuration, index: int, component: Component | None = None
-) -> StepFault | None:
-    """Gives the fault of judging a property, or the contract of a node; None if there is none."""
-    condition, _ = machine.properties[index]
-    try:
-        condition(machine.environment(c, component))
-    except StepFault as fault:
-        return fault
-    return None
-
-
-def _is_violated(machine: ExecutableSystem, index: int, env: Environment) -> bool:
-    condition, wanted = machine.properties[index]
-    try:
-        return bool(condition(env)) != wanted
-    except StepFault:
-        return True
-
-
-@dataclass(frozen=True, slots=True)
-class Shielded:
-    """A step of AC or SC after its shield.
-
-    `published`: what it publishes; `held`: the shield's topic, which is stored with that (n1);
-    `proposed`: its topic of proposals, which is stored whether or not the outputs are enabled.
-    """
-
-    published: dict[int, Value]
-    held: dict[int, Value] = field(default_factory=dict)
-    proposed: dict[int, Value] = field(default_factory=dict)
-
-
-def apply_shield(
-    machine: ExecutableSystem, c: Configuration, component: Component, published: dict[int, Value]
-) -> Shielded:
-    """What a step of AC or SC publishes after its module's shield; unchanged without one.
-
-    StepFault where AC publishes a command that is not permitted, in control or not; of a module
-    that is forced nothing is refused or moved.
-    """
-    code = machine.shields.get(component.index)
-    if code is None or not published:
-        return Shielded(published)
-    dm = machine.system.components[_shielding_module(machine, component).dm]
-    held = {code.topic: code.held(machine.environment(c, dm))}
-    proposed = _with_proposal(machine, c, component, code, published)
-    if component.role != "ac" or _shielding_module(machine, component).forced:
-        return Shielded(published, held, proposed)
-    found: object = 1.0
-    if code.moved is not None:
-        seen = _with_topics(c, {**held, **proposed})
-        *numbers, found = code.moved(machine.environment(seen, dm))
-        published = _with_numbers(machine, component, published, numbers)
-    if found != 1.0 or not code.permits(
-        machine.environment(_with_topics(c, {**published, **held}), dm)
-    ):
-        raise StepFault(FaultKind.SHIELD, component.span, "the shield does not permit it")
-    return Shielded(published, held, proposed)
-
-
-def _with_proposal(
-    machine: ExecutableSystem,
-    c: Configuration,
-    component: Component,
-    code: ShieldCode,
-    published: Mapping[int, Value],
-) -> dict[int, Value]:
-    """The topic of proposals with what this step would publish; AC's numbers first, then SC's."""
-    if code.proposed is None:
-        return {}
-    numbers = list(c.Topics[code.proposed])
-    at = 0 if component.role == "ac" else len(numbers) // 2
-    for topic in _shielding_module(machine, component).outputs:
-        count = len(list(numbers_in(c.Topics[topic])))
-        if topic in published:
-            numbers[at : at + count] = numbers_in(published[topic])
-        at += count
-    return {code.proposed: tuple(numbers)}
-
-
-def _with_numbers(
-    machine: ExecutableSystem,
-    component: Component,
-    published: Mapping[int, Value],
-    numbers: list[Value],
-) -> dict[int, Value]:
-    """The publications with these numbers, those of all outputs, put in."""
-    new, rest = dict(published), iter(numbers)
-    for topic in _shielding_module(machine, component).outputs:
-        value = made_of(machine.system.topics[topic].type, rest)
-        if topic in published:
-            new[topic] = value
-    return new
-
-
-def _with_topics(c: Configuration, values: Mapping[int, Value]) -> Configuration:
-    topics = c.Topics
-    for topic, value in values.items():
-        topics = with_value(topics, topic, value)
-    return replace(c, Topics=topics)
-
-
-def _shielding_module(machine: ExecutableSystem, component: Component) -> Module:
-    assert component.module is not None
-    return machine.system.modules[component.module]
+    from soter.semantics.executable_system import ExecutableSystem
 
 
 def environment_input(
@@ -291,7 +154,7 @@ def _node_step(
         out = commands.published
     except StepFault as fault:
         c, outcome = _after_fault(machine, c, component, fault)
-        return c, replace(outcome, judged=assumed)
+        return c, replace(outcome, contract_violations=assumed)
     c = replace(c, L=with_value(c.L, n, kept), had_control=with_value(c.had_control, n, oe))
     c = empty_queues(c, code.queues)
     c = publish(machine.system.topics, c, commands.proposed)
@@ -299,17 +162,17 @@ def _node_step(
         c = count_clean_step(c, _module_of(machine, component), code.outputs, out)
     before = c if component.held is None else hold_outputs(machine, c, component, out if oe else {})
     if not oe:
-        return before, StepOutcome(n, {}, judged=assumed)
+        return before, StepOutcome(n, {}, contract_violations=assumed)
     # n1: ITE(OE[n], Topics' = out united with Topics[T \ dom(out)], Topics' = Topics)
     c = publish(machine.system.topics, c, {**out, **commands.held}, bursts=code.bursts)
     guaranteed = (
         {} if any(assumed.values()) else violated_contracts(machine, c, component, "guarantees")
     )
     if component.held is not None:
-        return before, StepOutcome(n, {}, judged={**assumed, **guaranteed})
+        return before, StepOutcome(n, {}, contract_violations={**assumed, **guaranteed})
     several = {t: out[t] for t in code.bursts if t in out}
     values = {**out, **{t: of_step[-1] for t, of_step in several.items()}}
-    return c, StepOutcome(n, values, judged={**assumed, **guaranteed}, bursts=several)
+    return c, StepOutcome(n, values, contract_violations={**assumed, **guaranteed}, bursts=several)
 
 
 # ---------------------------------------------------------------- premises

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from soter.semantics.configuration import ACKNOWLEDGED, OPEN, READY
+from soter.semantics.latches import ACKNOWLEDGED, OPEN, READY
 from soter.simulate.explain_decision import DecisionReason, Explainer, TopicRead
 from soter.simulate.run_observer import decided_rows
 from soter.simulate.tube_looks import compile_looks, followed_modules

@@ -16,7 +16,7 @@ from soter.diagnostics.diagnostic import mistake
 from soter.diagnostics.similar_names import nearest_or_all
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.model.types import ArrayType, RecordType, has_list
-from soter.semantics.configuration import NAN_LOOKS_MAX
+from soter.semantics.run_record import NAN_LOOKS_MAX
 from soter.simulate.decisions import DecisionStepRecord, change_records, margins_s
 from soter.simulate.run_observer import moved_rows, plain_numbers
 

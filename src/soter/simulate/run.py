@@ -54,7 +54,8 @@ if TYPE_CHECKING:
     from soter.core.core import CoreSystem
     from soter.core.layout import Bytes, StateLayout
     from soter.language.model.system import Component, System
-    from soter.semantics.configuration import Configuration, Record
+    from soter.semantics.configuration import Configuration
+    from soter.semantics.run_record import Record
     from soter.simulate.externs.python_answers import Tally
     from soter.simulate.module_safe_check import SafeJudge
     from soter.simulate.run_observer import Also, Kept

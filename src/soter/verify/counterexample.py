@@ -26,9 +26,9 @@ from soter.language.load.named_files import ReadError, parse_json, read_json_tex
 from soter.language.model.values import to_json
 from soter.report.atomic_write import own_place
 from soter.semantics.configuration import SC, DecisionVerdict
-from soter.semantics.draws import ChoiceError, RecordedDraws, Recorder
 from soter.semantics.externs import UnboundExternError
 from soter.semantics.interpreter import Interpreter
+from soter.semantics.recorded_draws import ChoiceError, RecordedDraws, Recorder
 from soter.semantics.rules import next_instant
 from soter.verify.attacked_system import (
     DRAWN,
@@ -44,7 +44,8 @@ if TYPE_CHECKING:
     from soter.language.model.system import System
     from soter.language.model.types import Value
     from soter.semantics.configuration import Configuration
-    from soter.semantics.draws import Choices, Draws
+    from soter.semantics.draws import Draws
+    from soter.semantics.recorded_draws import Choices
     from soter.verify.claims.results import ModuleResult, VerifyReport
 
     _Instant = tuple[Configuration, tuple[DecisionVerdict, ...], dict[str, Value]]

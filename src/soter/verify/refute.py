@@ -2,9 +2,9 @@
 
 Purpose: `search_leaving_run` makes many short native runs of the closed system under attack
 (`attacked_system.py`), with the environment and the AC at their bounds in seeded patterns
-(`semantics/draws.py`). A run found natively is run again by the interpreter, recorded as choices,
-and replayed from these alone; only that replay refutes. `enter_refutations` does this for claims
-that are not proved, and enters what was found.
+(`semantics/adverse_draws.py`). A run found natively is run again by the interpreter, recorded as
+choices, and replayed from these alone; only that replay refutes. `enter_refutations` does this for
+claims that are not proved, and enters what was found.
 Non-goals: proving (that nothing was found means nothing); delays and jitter: virtual time has none.
 """
 
@@ -19,17 +19,9 @@ from soter.core.layout import NEVER, state_dtype
 from soter.language.elaborate.derived_systems import without_latches
 from soter.native.loaded_program import Library, RunStatus
 from soter.native.shared_library import library
-from soter.semantics.draws import (
-    CHANCE,
-    CORNER,
-    HOLDS,
-    MIXED,
-    TOGETHER,
-    TURN,
-    AdverseDraws,
-    Recorder,
-)
+from soter.semantics.adverse_draws import CHANCE, CORNER, HOLDS, MIXED, TOGETHER, TURN, AdverseDraws
 from soter.semantics.externs import UnboundExternError
+from soter.semantics.recorded_draws import Recorder
 from soter.verify.attacked_system import (
     DRAWN,
     OWN,

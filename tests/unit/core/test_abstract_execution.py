@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.core import core
-from soter.core.core_walks import NO, Execution, TooManyStatementsError
+from soter.core.execution import NO, Execution, TooManyStatementsError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from typing import Any
 
     from soter.core.core import CoreSystem
-    from soter.core.core_walks import Join
+    from soter.core.execution import Join
     from soter.language.model.system import System
 
     Lowered = Callable[[str], tuple[System, CoreSystem]]

@@ -16,7 +16,7 @@ from soter.language.front_end import check_file
 from soter.language.load.loader import load
 from soter.language.model import typed
 from soter.language.model.tree_walk import nodes
-from soter.language.syntax.tokens import NAME, lex
+from soter.language.syntax.lexer import NAME, lex
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -54,7 +54,7 @@ def test_its_spec_makes_it_again() -> None:
     assert made.spec is not None
     again = gymnasium.make(made.spec)
     assert isinstance(again, SafetyWrapper)
-    assert again.guard.asked is None
+    assert again.guard.plant_model is None
     assert str(made.reset(seed=3)) == str(again.reset(seed=3))
 
 

@@ -18,10 +18,11 @@ pytest.importorskip("rosbags", reason="the extra `logs` is not installed")
 
 from soter.api import load
 from soter.diagnostics.diagnostic import SoterError
+from soter.mapping.frames import turn_between
 from soter.mapping.message_types import StampSource
 from soter.mapping.read_mapping import make_log_map, read_mapping
 from soter.mapping.topic_mapping import SignalSource
-from soter.mapping.units import UNITS, factor_between, turn_between
+from soter.mapping.units import UNITS, factor_between
 from tables import all_rows
 
 if TYPE_CHECKING:
@@ -178,8 +179,7 @@ def test_a_vector_whose_frame_nobody_knows_is_taken_as_it_is(system: Any, given:
 
 def test_turning_there_and_back_is_nothing() -> None:
     for given, program in [("NED", "ENU"), ("FRD", "ENU")]:
-        turn = turn_between(given, program)
-        once = [(turn[i][0], turn[i][1]) for i in range(3)]
+        once = turn_between(given, program)
         twice = [(once[component][0], sign * once[component][1]) for component, sign in once]
         assert twice == [(0, 1.0), (1, 1.0), (2, 1.0)]
 

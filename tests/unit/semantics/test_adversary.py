@@ -17,19 +17,17 @@ from soter.language.model.system import Bound
 from soter.language.model.types import BOOL, FLOAT, EnumType, IntType
 from soter.native.loaded_program import Library
 from soter.native.shared_library import library
-from soter.semantics.draws import (
+from soter.semantics.adverse_draws import (
     CORNER,
     HOLDS,
     MIXED,
     TOGETHER,
     TURN,
     AdverseDraws,
-    ChoiceError,
-    RecordedDraws,
-    Recorder,
     adverse_float,
 )
 from soter.semantics.interpreter import Interpreter
+from soter.semantics.recorded_draws import ChoiceError, RecordedDraws, Recorder
 from soter.simulate.run import state_bytes
 
 if TYPE_CHECKING:

@@ -11,15 +11,10 @@ import pytest
 from soter.language.evaluate.environment import ages_after, allowed_picks
 from soter.language.front_end import check_file, system_of
 from soter.language.model.types import IntType
-from soter.semantics.draws import (
-    AnsweredDraws,
-    ChoiceError,
-    RecordedDraws,
-    Recorder,
-    SeededDraws,
-    draw_bits,
-)
+from soter.semantics.answered_draws import AnsweredDraws
+from soter.semantics.draws import SeededDraws, draw_bits
 from soter.semantics.interpreter import Interpreter
+from soter.semantics.recorded_draws import ChoiceError, RecordedDraws, Recorder
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -93,7 +88,7 @@ def test_a_driver_answers_every_choice_and_the_first_alternative_is_the_default(
         it, draws = answered(system, *picks)
         c, _ = it.fire(replace(it.initial(), ct=5 * MS, FN=(0,)), 0)
         assert c.Topics == (4 + picks[0], (picks[1] == 1, picks[2] - 3))
-        assert [(q.stream, q.count, q.pick) for q in draws.asked] == [
+        assert [(q.stream, q.count, q.pick) for q in draws.questions] == [
             ("N.choose", n, p) for n, p in zip((3, 2, 7), picks, strict=True)
         ]
         seen.add(c.Topics)
@@ -124,7 +119,7 @@ def test_floats_are_answered_by_middle_low_high_and_the_rest_by_value() -> None:
     held = SeededDraws(5).uniform("P.held", 0, -1.0, 1.0)
     assert c.Topics == ((4.0 + 1.0 + 0.5, held), (True, 3), 7.5)
     error = system.components[0].measured[0].stream
-    assert [(q.stream, q.count) for q in draws.asked] == [
+    assert [(q.stream, q.count) for q in draws.questions] == [
         ("P.x.start", 3), ("input.goal.b", 2), ("input.goal.n", 3), ("input.speed", 2),
         ("P.d", 3), (error, 3),
     ]  # fmt: skip
@@ -209,4 +204,4 @@ def test_an_int_leaf_without_bounds_has_no_more_than_32_bits_of_alternatives() -
     system = system_from(TWO_A_STEP)
     draws = AnsweredDraws(system, lambda _stream, _n: 1)
     assert draws.leaf(IntType(-(2**63), 2**63 - 1), None, "s", 0) == -(2**63) + 1
-    assert [q.count for q in draws.asked] == [2**32 - 1]
+    assert [q.count for q in draws.questions] == [2**32 - 1]

@@ -10,7 +10,7 @@ import pytest
 from soter.language.front_end import check_file, system_of
 from soter.semantics.configuration import StepOutcome
 from soter.semantics.interpreter import Interpreter
-from soter.semantics.rules import violated_properties
+from soter.semantics.judgements import violated_properties
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -53,7 +53,7 @@ def stepped(it: Interpreter, x: int) -> StepOutcome:
 )
 def test_assumes_before_the_step_and_guarantees_after_it(x: int, judged: dict[int, bool]) -> None:
     event = stepped(interpreter(NODE), x)
-    assert event.judged == judged
+    assert event.contract_violations == judged
     assert event.broken == tuple(i for i, bad in judged.items() if bad)
 
 
@@ -62,10 +62,10 @@ def test_guarantees_are_owed_only_with_enabled_outputs_and_nothing_by_a_latched_
     c = it.publish(replace(it.initial(), ct=0, FN=(0,)), {0: 4})
     _, event = it.fire(replace(c, OE=(False,)), 0)
     assert isinstance(event, StepOutcome)
-    assert event.judged == {ASSUMED: False}
+    assert event.contract_violations == {ASSUMED: False}
     _, event = it.fire(replace(c, latched=(True,)), 0)
     assert isinstance(event, StepOutcome)
-    assert event.judged == {}
+    assert event.contract_violations == {}
 
 
 def test_a_contract_that_faults_is_violated() -> None:

@@ -15,8 +15,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from types import SimpleNamespace
 
-    from soter.semantics.configuration import Configuration, Record
+    from soter.semantics.configuration import Configuration
     from soter.semantics.interpreter import Interpreter
+    from soter.semantics.run_record import Record
 
     Build = Callable[..., Interpreter]
 

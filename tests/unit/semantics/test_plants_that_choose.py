@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.language.front_end import check_file, system_of
-from soter.semantics.draws import AnsweredDraws, draw_bits
+from soter.semantics.answered_draws import AnsweredDraws
+from soter.semantics.draws import draw_bits
 from soter.semantics.interpreter import Interpreter
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ def told(picks: list[int], until_ms: int, scheme: str = "rk4") -> tuple[list[obj
     outputs: list[object] = []
     it = Interpreter(s, draws=draws)
     it.run(until_ms * MS, observe=lambda c, _record: outputs.append(c.Topics[0]))
-    return outputs, [a.count for a in draws.asked]
+    return outputs, [a.count for a in draws.questions]
 
 
 @pytest.mark.parametrize("scheme", ["rk4", "euler"])
@@ -77,4 +78,4 @@ def test_a_choice_after_a_fault_is_not_asked() -> None:
     it = Interpreter(s, draws=draws)
     _, record = it.run(20 * MS)
     assert record.components[0].faults == 1
-    assert [a.count for a in draws.asked] == [3, 3, 3]  # the second step faults in `next n`
+    assert [a.count for a in draws.questions] == [3, 3, 3]  # the second step faults in `next n`

@@ -10,8 +10,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from soter.language.model.types import Value
-    from soter.semantics.configuration import Configuration, PropertyRecord
+    from soter.semantics.configuration import Configuration
     from soter.semantics.interpreter import Interpreter
+    from soter.semantics.run_record import PropertyRecord
 
     Build = Callable[..., Interpreter]
 

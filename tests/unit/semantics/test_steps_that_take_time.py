@@ -12,8 +12,9 @@ from soter.semantics.draws import draw_bits
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.semantics.configuration import Configuration, Record
+    from soter.semantics.configuration import Configuration
     from soter.semantics.interpreter import Interpreter
+    from soter.semantics.run_record import Record
 
     Build = Callable[..., Interpreter]
 

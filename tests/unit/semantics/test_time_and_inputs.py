@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from soter.language.model.types import Value
-    from soter.semantics.configuration import Configuration, Record
+    from soter.semantics.configuration import Configuration
+    from soter.semantics.run_record import Record
 
     Build = Callable[..., Interpreter]
 

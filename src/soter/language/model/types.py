@@ -4,7 +4,7 @@ Purpose: one small class hierarchy that every room shares; record types compare 
 `show_ns` writes `10 ms` for a sentence, `write_ns` `10ms` for code; `duration_ns` reads what
 callers and command lines give.
 Non-goals: inference (`language/check/expr.py`), storage layout (`core/layout.py`), durations in a
-program (`language/syntax/tokens.py`).
+program (`language/syntax/lexer.py`).
 
 Values: bool -> bool, int -> int, float -> float, duration -> int (ns), enum -> int (index of
 the member), record -> tuple of field values in declared order, array -> tuple,
@@ -19,7 +19,7 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from soter.language.syntax.tokens import UNIT_NS
+from soter.language.syntax.lexer import UNIT_NS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator

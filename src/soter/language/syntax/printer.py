@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostics, Source
 from soter.language.syntax import tree
+from soter.language.syntax.lexer import DURATION, EOF, FLOAT, INT, NAME, lex
 from soter.language.syntax.parsing.parser import parse_tokens
-from soter.language.syntax.tokens import DURATION, EOF, FLOAT, INT, NAME, lex
 
 if TYPE_CHECKING:
+    from soter.language.syntax.lexer import Tokens
     from soter.language.syntax.parsing.parser import Parser
-    from soter.language.syntax.tokens import Tokens
 
 #: Lines longer than this are broken where they can be.
 WIDTH_MAX = 100

@@ -2,7 +2,7 @@
  *
  * Takes the place of soter_draw where SOTER_ADVERSARY is defined: what the environment may choose
  * is chosen at its bounds, in one of several patterns; the seed's top byte says which. The same
- * function stands in src/soter/semantics/draws.py; both are tested against each other.
+ * function stands in src/soter/semantics/adverse_draws.py; both are tested against each other.
  */
 #ifndef SOTER_ADVERSARY_H
 #define SOTER_ADVERSARY_H

@@ -6,7 +6,7 @@ the same about the command that is held. `moved_commands` writes, for a number o
 not permitted, the search for the number nearest to AC's, toward SC's, that may act longer than a
 judgement asks.
 Non-goals: which commands are permitted (`verify/grid/estimate_sets.py`), when they are judged
-(`semantics/rules.py`). What it finds is judged like any other command, so no claim depends on
+(`semantics/shields.py`). What it finds is judged like any other command, so no claim depends on
 the search.
 
 The search goes cell by cell, in one pass of at most as many steps as there are cells, and takes the

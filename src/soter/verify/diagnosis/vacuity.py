@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.language.elaborate.passes.step_times import fresh_ages_ns
+from soter.language.elaborate.passes.read_ages import fresh_ages_ns
 from soter.language.evaluate.topic_ranges import reader_with_limits, truth_by_parts
 from soter.language.model.tree_walk import nodes, topic_reads
 from soter.language.model.typed import AgeRead

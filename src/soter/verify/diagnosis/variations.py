@@ -21,7 +21,7 @@ import numpy as np
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate import derived_systems
 from soter.language.elaborate.derived_systems import with_module
-from soter.language.elaborate.passes.step_times import least_age_ns
+from soter.language.elaborate.passes.read_ages import least_age_ns
 from soter.language.model.typed import Literal, RestSymbol
 from soter.language.model.types import DURATION, show_ns
 from soter.verify.claims.choose_cells_and_levels import CELLS_MAX

@@ -4,7 +4,7 @@ Purpose: `EnclosureBody` turns Core into operations of the emitted C; where a br
 both of its sides become blocks of C. A function of the prelude is enclosed by its meaning: `sin`
 becomes an enclosure of the sine, widened by the tested bound of
 `language/prelude/function_error_bounds.py`, instead of an enclosure of its polynomial.
-Non-goals: the walk (`core/core_walks.py`), inputs (`enclosure_inputs.py`), which functions are
+Non-goals: the walk (`core/execution.py`), inputs (`enclosure_inputs.py`), which functions are
 emitted (`compiled_enclosures.py`), the arithmetic (`enclosed_operations.py`); functions of the
 prelude without a tested bound, whose bodies are enclosed as they are.
 """
@@ -16,7 +16,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from soter.core import core
-from soter.core.core_walks import Execution
+from soter.core.execution import Execution
 from soter.language.model.types import IntType, ListType, Type, leaf_count
 from soter.language.model.values import Table
 from soter.language.prelude.function_error_bounds import BOUNDS
@@ -41,7 +41,7 @@ from soter.verify.enclose.enclosure_emitter import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from soter.core.core_walks import Join
+    from soter.core.execution import Join
     from soter.verify.enclose.enclosure_emitter import Emitter, Step
 
 

@@ -224,7 +224,7 @@ class GridProof:
         before = None if self.fresh else self.found.target
         if before is not None and np.array_equal(before, target.cells):
             return
-        recovery.compute_recovery(case, self, self.engine, self.found, target.cells)
+        recovery.enter_recovery(case, self, self.engine, self.found, target.cells)
 
     @property
     def stuck(self) -> float:

@@ -1,44 +1,61 @@
 """P2b on a grid: SC leads from every cell of K to where AC gets control back.
 
-Purpose: `compute_recovery` finds Q, the cells that SC keeps inside a target (where `safer` holds at
+Purpose: `enter_recovery` finds Q, the cells that SC keeps inside a target (where `safer` holds at
 every estimate), and W with its ranks: how many chains lead from a cell to Q, and how long they take
-(`recovery_ranks`; docs/verification.md, section 3; symbols: head of `sets.py`). Where `safer` is
-computed and Q is empty on the declared cells, `find_q_on_finer_cells` tries smaller ones: each
-interval in which `safer` lies is cut in two, then in four. Whether that is done depends on counts
-of cells alone.
-Non-goals: targets and the time T (`verify/claims/claims.py`); a `safer` of the user's own, for
-which the whole grid is refined (`verify/grid/grid_refinement.py`).
+(`recovery_ranks`; docs/verification.md, section 3; symbols: head of `sets.py`).
+Non-goals: targets and the time T (`verify/claims/claims.py`); Q where it is empty on the declared
+cells (`finer_cells.py`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from soter.diagnostics.current_phase import share_done
 from soter.verify.grid import sets as grids
-from soter.verify.grid.grid_refinement import with_halved_cells
-from soter.verify.grid.sets import LONGEST, GridGroup
-from soter.verify.problem.inputs import errors_of
+from soter.verify.grid.finer_cells import (
+    engine_on,
+    find_q_on_finer_cells,
+    index_of_declared_cells,
+    target_on,
+)
+from soter.verify.grid.sets import LONGEST
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     import numpy.typing as npt
-    from numpy.typing import NDArray
 
     from soter.core.layout import Bools, Bytes
     from soter.verify.claims.results import GroupSets
     from soter.verify.grid.case import Case
-    from soter.verify.problem.problem import Group
+    from soter.verify.grid.finer_cells import FinerQ
+    from soter.verify.grid.sets import GridGroup
 
     Lengths = Sequence[Sequence[int]]
 
 
 HOLDS = (1, 2, 3, 5, 8, 12, 18, 27, 40, 60, 90, 135, 200)
 """Lengths of chains, in periods of SC, that are tried on the way to Q."""
+LENGTHS = ((2, 4, 8, 16, 32), (8, 24, 64, 150), HOLDS)
+"""Lists of lengths of chains to try: the first with which nearly every cell is in W is enough."""
+SHORT = ((2, 4, 8), (16, 32), *LENGTHS[1:])
+"""`LENGTHS` for a flow that is not linear: there a period costs much, and a cell far from Q costs
+the longest length; with short ones W grows meanwhile and most cells reach it. T may be longer."""
+FINER = (tuple(range(1, 41)), HOLDS)
+"""`LENGTHS` for small cells: there each length costs little beside the longest one, and with a few
+lengths a tenth of K or more was left."""
+HIGHEST = 2**16 - 2
+"""The highest rank: ranks are kept in 16 bits."""
+LONG = 96
+"""Where a chain of K is longer than this, the shortest lengths are not tried."""
+STRAGGLERS_MAX = 2000
+"""If no more cells than this are left, every length is tried for them."""
+WAY_MAX = 80_000
+"""For more small cells of K the way to Q is not computed: for 70,000 it takes a minute."""
 
 
 @dataclass(frozen=True)
@@ -114,67 +131,6 @@ def _ranks_without_chain(goal: Bools) -> RecoveryRanks:
     return RecoveryRanks(goal.astype(np.uint16), none.astype(np.uint8), none, 0)
 
 
-SIZES = (("half", 80_000), ("a quarter of", 20_000))
-"""The size of smaller cells, in words, and how many of them the target may have at most."""
-WAY_MAX = 80_000
-"""For more small cells of K the way to Q is not computed: for 70,000 it takes a minute."""
-
-
-@dataclass(frozen=True, eq=False)
-class FinerQ:
-    """Q on smaller cells than the declared ones: those of `engine`; `home` holds its witnesses."""
-
-    engine: GridGroup
-    group: Group
-    size: str
-    """The size of its smallest cells, in words."""
-    origin: tuple[NDArray[np.intp], ...]
-    """An index: `cells[origin]` is a set `cells` of declared cells, on the cells of `engine`."""
-    home: NDArray[np.uint8]
-
-    def declared_cells(self, cells: Bools) -> Bools:
-        """The declared cells, in their grid's shape, that have one of these small cells in them."""
-        found = np.zeros([int(at.max()) + 1 for at in self.origin], dtype=np.bool_)
-        np.logical_or.at(found, self.origin, cells)
-        return found
-
-
-def find_q_on_finer_cells(
-    case: Case, engine: GridGroup, part: GroupSets
-) -> tuple[FinerQ | None, str]:
-    """Q on the largest smaller cells on which there is one; else None and the sizes tried."""
-    assert part.deployed is not None
-    inner = part.deployed[1]
-    group, tried = part.group, []
-    for size, most in SIZES:
-        group = _with_halved_intervals(group, part.group, inner)
-        fine = engine_on(case, engine, group)
-        origin = index_of_declared_cells(part, group)
-        target = target_on(case, fine, part, origin)
-        if not target.any():
-            continue
-        if np.count_nonzero(target) > most:
-            break
-        tried.append(size)
-        home = fine.compute_core(target).witness
-        if home.any():
-            return FinerQ(fine, group, size, origin, home), ""
-    return None, " or ".join(tried)
-
-
-def engine_on(case: Case, engine: GridGroup, group: Group) -> GridGroup:
-    """An engine for the same dynamics on the cells of `group`."""
-    return GridGroup.of(engine.library, case.problem, group, case.parameter, threads=engine.threads)
-
-
-def target_on(
-    case: Case, fine: GridGroup, part: GroupSets, origin: tuple[NDArray[np.intp], ...]
-) -> Bools:
-    """The small cells of C, in their grid's shape, where DM gives AC control on any estimate."""
-    assert part.deployed is not None
-    return fine.erode(part.deployed[1][origin], errors_of(case.problem)) & part.allowed[origin]
-
-
 def cells_in_way(part: GroupSets) -> Bools:
     """The declared cells, in their grid's shape, that lie in W with all their small cells."""
     assert part.rank is not None
@@ -185,45 +141,7 @@ def cells_in_way(part: GroupSets) -> Bools:
     return led
 
 
-def index_of_declared_cells(part: GroupSets, group: Group) -> tuple[NDArray[np.intp], ...]:
-    """An index: `cells[index]` is a set of declared cells, in the shape of the cells of `group`."""
-    return np.ix_(
-        *(_intervals_of(a, np.array(b.edges)) for a, b in zip(part.edges, group.axes, strict=True))
-    )
-
-
-def _with_halved_intervals(group: Group, declared: Group, inner: Bools) -> Group:
-    """The group with each interval cut in two in which a cell of the declared set `inner` lies."""
-    axes = []
-    for k, axis in enumerate(group.axes):
-        near = np.asarray(inner.any(axis=tuple(i for i in range(inner.ndim) if i != k)))
-        at = _intervals_of(declared.axes[k].edges, np.array(axis.edges))
-        axes.append(with_halved_cells(axis, near[at]))
-    return replace(group, axes=tuple(axes))
-
-
-def _intervals_of(declared: Sequence[float], edges: NDArray[np.float64]) -> NDArray[np.intp]:
-    """For each interval of an axis the number of the declared interval that holds it."""
-    return np.maximum(np.searchsorted(np.array(declared), edges[:-1], side="right") - 1, 0)
-
-
-LENGTHS = ((2, 4, 8, 16, 32), (8, 24, 64, 150), HOLDS)
-"""Lists of lengths of chains to try: the first with which nearly every cell is in W is enough."""
-SHORT = ((2, 4, 8), (16, 32), *LENGTHS[1:])
-"""`LENGTHS` for a flow that is not linear: there a period costs much, and a cell far from Q costs
-the longest length; with short ones W grows meanwhile and most cells reach it. T may be longer."""
-FINER = (tuple(range(1, 41)), HOLDS)
-"""`LENGTHS` for small cells: there each length costs little beside the longest one, and with a few
-lengths a tenth of K or more was left."""
-HIGHEST = 2**16 - 2
-"""The highest rank: ranks are kept in 16 bits."""
-LONG = 96
-"""Where a chain of K is longer than this, the shortest lengths are not tried."""
-STRAGGLERS_MAX = 2000
-"""If no more cells than this are left, every length is tried for them."""
-
-
-def compute_recovery(
+def enter_recovery(
     case: Case, proof: object, engine: GridGroup, part: GroupSets, target: Bools
 ) -> None:
     """Computes Q, W, and the time to Q for a `target` in the grid's shape; enters failures."""
@@ -241,7 +159,7 @@ def compute_recovery(
             find_q_on_finer_cells(case, engine, part) if case.problem.computed else (None, "")
         )
         if found is not None:
-            _use_finer_q(case, proof, part, found)
+            _enter_finer_q(case, proof, part, found)
             return
         text = "SC keeps no set inside `safer`"
         near = f"nor where SC rests on cells of {tried} the size, the DM's table as declared"
@@ -259,7 +177,7 @@ def compute_recovery(
     _enter_failure_of_stuck_cells(case, proof, (part.core > 0) & (return_way.rank == 0))
 
 
-def _use_finer_q(case: Case, proof: object, part: GroupSets, found: FinerQ) -> None:
+def _enter_finer_q(case: Case, proof: object, part: GroupSets, found: FinerQ) -> None:
     """Fills in the Q that was found on small cells, and W there; K stays as it is."""
     core = (part.core > 0)[found.origin]
     part.home, part.finer = found.home, (found.size, found.group)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
-from soter.core.core_walks import TooManyStatementsError
+from soter.core.execution import TooManyStatementsError
 from soter.core.steps import lower
 from soter.language.elaborate import derived_systems
 from soter.language.model import typed

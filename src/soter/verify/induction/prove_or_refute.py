@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
-from soter.core.core_walks import TooManyStatementsError
+from soter.core.execution import TooManyStatementsError
 from soter.diagnostics.current_phase import share_done
 from soter.language.elaborate import derived_systems
 from soter.language.model import typed

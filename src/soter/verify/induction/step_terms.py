@@ -4,7 +4,7 @@ Purpose: `Evaluation` executes Core with terms for values, and joins both ways o
 condition; what terms cannot say exactly is an uninterpreted function of its operands. `State` is
 the state between clusters of steps, `StepEffect` what a step did, and `ClusterView` the view of a
 reader, for whom a topic holds what the last writer before it published, with its stamp.
-Non-goals: the walk (`core/core_walks.py`), when steps run (`transition_relation.py`).
+Non-goals: the walk (`core/execution.py`), when steps run (`transition_relation.py`).
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
 from soter.core import core
-from soter.core.core_walks import Execution
+from soter.core.execution import Execution
 from soter.language.model.types import (
     BOOL,
     FLOAT,
@@ -32,7 +32,7 @@ from soter.verify.induction.solver_terms import Age, is_known, is_tuple, is_whol
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from soter.core.core_walks import Join
+    from soter.core.execution import Join
     from soter.language.model.types import Type
     from soter.verify.induction.calendar import CalendarStep, Point
     from soter.verify.induction.problem import InductionProblem

@@ -10,14 +10,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.language.syntax.tokens import lex
+from soter.language.syntax.lexer import lex
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from soter.diagnostics.diagnostic import Source
     from soter.language.model.typed import ModuleSymbol
-    from soter.language.syntax.tokens import Tokens
+    from soter.language.syntax.lexer import Tokens
 
 BESIDE_REST = ("grid", "core", "levels", "rest", "ttf", "safer", "shield")
 """Clauses of a module and items of its `verify` block for which a found `rest` stands."""

@@ -1,7 +1,7 @@
 """What a tube needs of a module, as expressions: rates, effects, predicates.
 
 Purpose: `ModuleExpressions` reads rates of plants, and predicates, from Core: `ExpressionReading`
-executes it (`core/core_walks.py`) with real expressions in the place of numbers.
+executes it (`core/execution.py`) with real expressions in the place of numbers.
 Non-goals: whether a step faults (shown offline), what an expression is (`expression_graph.py`),
 writing them as source (`generated_functions.py`), times (`tube_check.py`).
 """
@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from soter.core import core
-from soter.core.core_walks import Execution
+from soter.core.execution import Execution
 from soter.core.lower_statements import FunctionTable
 from soter.core.steps import lower_predicate
 from soter.language.model.types import (
@@ -46,7 +46,7 @@ from soter.verify.tubes.moved_rates import take_rates_apart
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
-    from soter.core.core_walks import Join
+    from soter.core.execution import Join
     from soter.language.model.system import Component
     from soter.language.model.typed import TypedExpr
     from soter.verify.enclose.enclosure_inputs import Path

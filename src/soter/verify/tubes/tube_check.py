@@ -16,7 +16,7 @@ from fractions import Fraction
 from math import inf
 from typing import TYPE_CHECKING
 
-from soter.core.core_walks import STATEMENTS_MAX, TooManyStatementsError
+from soter.core.execution import STATEMENTS_MAX, TooManyStatementsError
 from soter.language.model.tree_walk import cost_of
 from soter.language.model.types import leaves
 from soter.verify.deploy.shield_tables import command_edges

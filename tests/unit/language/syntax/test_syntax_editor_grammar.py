@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from soter.language.syntax.tokens import RESERVED
+from soter.language.syntax.lexer import RESERVED
 
 ROOT = Path(__file__).parents[4]
 GRAMMAR = json.loads((ROOT / "editors" / "soter.tmLanguage.json").read_text(encoding="utf-8"))

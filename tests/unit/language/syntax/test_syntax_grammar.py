@@ -19,9 +19,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from soter.diagnostics.diagnostic import Diagnostics, Source
+from soter.language.syntax.lexer import EOF, RESERVED, lex
 from soter.language.syntax.parsing.parser import parse
 from soter.language.syntax.printer import format_source
-from soter.language.syntax.tokens import EOF, RESERVED, lex
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostics, Source
 from soter.language.syntax import tree
+from soter.language.syntax.lexer import lex
 from soter.language.syntax.printer import WIDTH_MAX, format_source, print_expr
-from soter.language.syntax.tokens import lex
 from tables import all_rows
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Source
-from soter.language.syntax.tokens import EOF, SOFT, lex, printable, string_value
+from soter.language.syntax.lexer import EOF, SOFT, lex, printable, string_value
 from tables import all_rows
 
 if TYPE_CHECKING:

@@ -14,8 +14,8 @@ import pytest
 
 from generators.file_listing import files_below
 from soter.diagnostics.diagnostic import Diagnostics, Source, Span
+from soter.language.syntax.lexer import NAME
 from soter.language.syntax.parsing.parser import parse_tokens
-from soter.language.syntax.tokens import NAME
 from unit.language.syntax.test_syntax_grammar import GRAMMAR, rules, texts_of
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ import pytest
 import json_documents
 from generators.changed_modules import BASES
 from soter.language.front_end import check_file, system_of
-from soter.semantics.draws import AdverseDraws
+from soter.semantics.adverse_draws import AdverseDraws
 from soter.semantics.externs import UnboundExternError
 from soter.verify.attacked_system import DRAWN, OWN, NotAttackableError, attacked_system
 from soter.verify.counterexample import (

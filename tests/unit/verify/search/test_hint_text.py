@@ -8,8 +8,8 @@ import pytest
 
 from soter.diagnostics.diagnostic import Diagnostics, Source
 from soter.language.front_end import check_file
+from soter.language.syntax.lexer import lex
 from soter.language.syntax.printer import format_source
-from soter.language.syntax.tokens import lex
 from soter.verify.search.hint_text import COMMENT, Hints, with_hints
 
 TEMPLATE = """soter 1;

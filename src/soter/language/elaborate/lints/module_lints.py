@@ -29,7 +29,7 @@ from soter.language.elaborate.lints.refuted_at_once import (
 )
 from soter.language.elaborate.lints.rest_lints import warn_of_rest
 from soter.language.elaborate.lints.step_lints import warn_of_faults, warn_of_plant, warn_of_silence
-from soter.language.elaborate.passes.step_times import is_measured, least_age_ns
+from soter.language.elaborate.passes.read_ages import is_measured, least_age_ns
 from soter.language.evaluate.range_evaluation import (
     COMPARISONS,
     RangeEvaluator,

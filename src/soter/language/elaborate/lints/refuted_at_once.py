@@ -23,7 +23,7 @@ from soter.language.elaborate.lints.contradictory_predicates import (
     values_text,
     with_scalars,
 )
-from soter.language.elaborate.passes.step_times import fresh_ages_ns
+from soter.language.elaborate.passes.read_ages import fresh_ages_ns
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.environment import BudgetExceeded, Environment
 from soter.language.evaluate.predicates import maybe_nan

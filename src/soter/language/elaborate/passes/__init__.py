@@ -2,7 +2,7 @@
 
 In the order in which they are called:
 - `system_numbers.py` gives each instance its parameters, and bounds the size of a system.
-- `step_times.py` computes how long steps take, and how old what a decision module reads may be.
+- `step_times.py` computes how long steps take, `read_ages.py` how old a topic is when it is read.
 - `place_instances.py` makes a flat list of instances; `replace_parts.py` replaces some of them:
   `stand_ins.py` has those that do what a contract permits.
 - `topics.py` makes a topic when it is first named; `value_sets.py` computes the values it may have.

@@ -1,13 +1,11 @@
-"""Elaborates times of steps (`takes`, `wcet`, `jitter`), and computes ages of what a DM reads.
+"""Elaborates the times that a program declares of its steps (`takes`, `wcet`, `jitter`, `inline`).
 
 Purpose: checks which nodes may take how long (M023), computes the numbers of `wcet` and `jitter`,
 marks the nodes that run `inline` in the trusted thread, and adds the faults by which an SC waits
 for its DM (decision module) where the deployed order is kept.
-Computes the least `max_age` that the periods of a system allow (W034, remedies of `verify`), and
-the ages at which a DM may see a fresh topic.
 Non-goals: what a run does with it (`semantics/rules.py`, `codegen/nodes.py`); what follows from
-execution times (`soter.timing`); systems whose order is drawn, where nobody waits; ages by lateness
-and by messages that are lost; whether a `max_age` is too small (W028).
+execution times (`soter.timing`); systems whose order is drawn, where nobody waits; how old reads
+may be (`read_ages.py`).
 """
 
 from __future__ import annotations
@@ -17,7 +15,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.fixes import the_other_way
 from soter.language.elaborate.passes.system_numbers import MAX_PERIOD_NS
 from soter.language.model.system import Fault
-from soter.language.model.types import FloatType, leaves, show_ns, write_ns
+from soter.language.model.types import show_ns, write_ns
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -26,12 +24,10 @@ if TYPE_CHECKING:
     from soter.language.elaborate.passes.flattening import Flattening
     from soter.language.elaborate.passes.system_numbers import Numbers
     from soter.language.model import typed
-    from soter.language.model.system import Component, Module, System
+    from soter.language.model.system import Component, Module
     from soter.language.model.typed import NodeSymbol
 
 WAIT = "wait"
-PUBLICATIONS = 2
-"""Greatest age, in periods of its plant, of a value that is neither lost nor late when read."""
 
 
 def check_step_times(
@@ -177,46 +173,3 @@ def _wait_faults(modules: Sequence[Module], faults: Sequence[Fault]) -> Iterator
                 inside="SC waits for its decision module",
                 text=f"{m.name}: SC waits for its decision module",
             )
-
-
-def least_age_ns(system: System, topic: int) -> int | None:
-    """Gives the least `max_age` that a topic's period allows, in ns; None if no plant drives it."""
-    drivers = _plants_that_publish(system, topic)
-    return PUBLICATIONS * drivers[0].period_ns if drivers else None
-
-
-def fresh_ages_ns(
-    system: System, module: Module, most_ns: int | None = None
-) -> dict[int, int | None]:
-    """Topic -> the greatest age, in ns, at which the DM sees it as fresh; None if any age counts.
-
-    `most_ns`: the greatest age that a proof assumes for topics that plants publish.
-    """
-    ages: dict[int, int | None] = {}
-    for index in module.inputs:
-        bounds = [system.topics[index].max_age_ns]
-        bounds += [most_ns] if _plants_that_publish(system, index) else []
-        ages[index] = min((b for b in bounds if b is not None), default=None)
-    return ages
-
-
-def _plants_that_publish(system: System, topic: int) -> list[Component]:
-    """The plants that publish a topic."""
-    return [
-        c
-        for c in system.components
-        if c.plant is not None and any(c.scope.topics[t] == topic for t, _ in c.plant.drives)
-    ]
-
-
-def is_measured(system: System, topic: int) -> bool:
-    """Whether a topic comes again and again from a plant or from outside, and is of floats.
-
-    An input, which an operator sets once, is not measured, nor is a topic of plants without floats.
-    """
-    least = least_age_ns(system, topic)
-    moving = [v.type for c in system.components if c.plant for v in c.plant.states]
-    kinds = [system.topics[topic].type, *(moving if least is not None else ())]
-    outside = any(e.topic == topic for e in system.externals)
-    has_fraction = any(isinstance(t, FloatType) for kind in kinds for _, t in leaves(kind))
-    return has_fraction and (least is not None or outside)

@@ -12,20 +12,20 @@ from typing import TYPE_CHECKING, Any
 from soter.diagnostics.diagnostic import Edit, Fix, Span
 from soter.diagnostics.fixes import append, remove, replace
 from soter.language.syntax import tree
+from soter.language.syntax.lexer import EOF, NAME, STRING, printable, string_value
 from soter.language.syntax.parsing.items import Parts, clauses, time
 from soter.language.syntax.parsing.literals_and_operators import report_unclosed
 from soter.language.syntax.parsing.statements import PLACE_FOLLOWS, StatementParser
 from soter.language.syntax.parsing.token_cursor import BODY_WORDS, STATEMENT_WORDS, Panic
 from soter.language.syntax.parsing.types import type_expression
 from soter.language.syntax.their_words import THEIRS
-from soter.language.syntax.tokens import EOF, NAME, STRING, printable, string_value
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from soter.diagnostics.diagnostic import Help
+    from soter.language.syntax.lexer import Tokens
     from soter.language.syntax.parsing.items import Item, Items, Step
-    from soter.language.syntax.tokens import Tokens
 
     Other = Callable[["BodyParser", Parts], bool] | None
     """Tries to read an item that no word leads."""

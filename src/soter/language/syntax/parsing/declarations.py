@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.fixes import remove, replace
 from soter.language.syntax import tree
+from soter.language.syntax.lexer import EOF, ERROR, INT, NAME, printable
 from soter.language.syntax.parsing.instance_arrays import dotted
 from soter.language.syntax.parsing.items import (
     Items,
@@ -38,7 +39,6 @@ from soter.language.syntax.parsing.items import (
 from soter.language.syntax.parsing.token_cursor import Panic
 from soter.language.syntax.parsing.types import type_expression
 from soter.language.syntax.schemes import SCHEMES
-from soter.language.syntax.tokens import EOF, ERROR, INT, NAME, printable
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import Span
 from soter.diagnostics.fixes import replace
 from soter.language.syntax import tree
+from soter.language.syntax.lexer import ERROR, NAME, UNIT_NS, period_text, printable
 from soter.language.syntax.parsing.literals_and_operators import (
     ANY,
     COMPARISON,
@@ -29,7 +30,6 @@ from soter.language.syntax.parsing.literals_and_operators import (
     tree_height,
 )
 from soter.language.syntax.parsing.token_cursor import Cursor, Panic
-from soter.language.syntax.tokens import ERROR, NAME, UNIT_NS, period_text, printable
 
 if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Help

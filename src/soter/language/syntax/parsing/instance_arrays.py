@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.language.syntax import tree
-from soter.language.syntax.tokens import EOF
+from soter.language.syntax.lexer import EOF
 
 if TYPE_CHECKING:
     from soter.language.syntax.parsing.bodies import BodyParser, Other

@@ -12,7 +12,7 @@ from collections import defaultdict
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from soter.language.syntax.tokens import RESERVED
+from soter.language.syntax.lexer import RESERVED
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

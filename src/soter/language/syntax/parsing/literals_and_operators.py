@@ -4,7 +4,7 @@ Purpose: turns a token into an exact number or duration, or reports that it is t
 precedence of operators, and reports operators of other languages with hints. A bound on nesting
 keeps this parser, and every recursive pass after it, within the stack on hostile input.
 Non-goals: reading expressions (`expressions.py`), nested blocks of statements (`statements.py`),
-how digits become tokens (`tokens.py`).
+how digits become tokens (`lexer.py`).
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import Edit, Fix, Span, made
 from soter.diagnostics.fixes import replace
 from soter.language.syntax import tree
+from soter.language.syntax.lexer import DURATION, EOF, FLOAT, INT, NAME, RESERVED, STRING, UNIT_NS
 from soter.language.syntax.parsing.token_cursor import Panic
-from soter.language.syntax.tokens import DURATION, EOF, FLOAT, INT, NAME, RESERVED, STRING, UNIT_NS
 
 if TYPE_CHECKING:
     from typing import NoReturn

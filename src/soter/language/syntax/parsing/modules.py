@@ -11,6 +11,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.language.syntax import tree
+from soter.language.syntax.lexer import NAME, printable
 from soter.language.syntax.parsing.declarations import NODE_ITEMS
 from soter.language.syntax.parsing.instance_arrays import dotted
 from soter.language.syntax.parsing.items import (
@@ -37,7 +38,6 @@ from soter.language.syntax.parsing.items import (
     word,
     word_of,
 )
-from soter.language.syntax.tokens import NAME, printable
 
 if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Span

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import Diagnostic, Label, Span
 from soter.diagnostics.fixes import insert, replace
 from soter.language.syntax import tree
+from soter.language.syntax.lexer import EOF, INT, NAME, STRING, lex, printable, string_value
 from soter.language.syntax.parsing.bodies import BodyParser
 from soter.language.syntax.parsing.declarations import parse_fun, parse_node, parse_plant
 from soter.language.syntax.parsing.items import clauses, equal, range_of, time
@@ -31,7 +32,6 @@ from soter.language.syntax.parsing.token_cursor import (
 )
 from soter.language.syntax.parsing.types import parse_value_set, type_expression
 from soter.language.syntax.their_words import THEIRS
-from soter.language.syntax.tokens import EOF, INT, NAME, STRING, lex, printable, string_value
 
 if TYPE_CHECKING:
     from collections.abc import Callable

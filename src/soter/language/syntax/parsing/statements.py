@@ -12,17 +12,7 @@ from __future__ import annotations
 from soter.diagnostics.diagnostic import Span
 from soter.diagnostics.fixes import replace
 from soter.language.syntax import tree
-from soter.language.syntax.parsing.expressions import ExpressionParser
-from soter.language.syntax.parsing.literals_and_operators import refuse_c_loop, report_unclosed
-from soter.language.syntax.parsing.token_cursor import (
-    BODY_WORDS,
-    ITEM_WORDS,
-    STATEMENT_WORDS,
-    Panic,
-)
-from soter.language.syntax.parsing.types import type_expression
-from soter.language.syntax.their_words import THEIRS
-from soter.language.syntax.tokens import (
+from soter.language.syntax.lexer import (
     DURATION,
     EOF,
     FLOAT,
@@ -33,6 +23,16 @@ from soter.language.syntax.tokens import (
     printable,
     string_value,
 )
+from soter.language.syntax.parsing.expressions import ExpressionParser
+from soter.language.syntax.parsing.literals_and_operators import refuse_c_loop, report_unclosed
+from soter.language.syntax.parsing.token_cursor import (
+    BODY_WORDS,
+    ITEM_WORDS,
+    STATEMENT_WORDS,
+    Panic,
+)
+from soter.language.syntax.parsing.types import type_expression
+from soter.language.syntax.their_words import THEIRS
 
 #: Statement blocks may nest so deep.
 BLOCKS_MAX = 64

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import Span
 from soter.diagnostics.fixes import exchange, replace
 from soter.language.syntax import tree
+from soter.language.syntax.lexer import EOF, NAME, printable
 from soter.language.syntax.parsing import instance_arrays
 from soter.language.syntax.parsing.bodies import LEADERLESS
 from soter.language.syntax.parsing.instance_arrays import dotted
@@ -40,7 +41,6 @@ from soter.language.syntax.parsing.items import (
 )
 from soter.language.syntax.parsing.token_cursor import Panic
 from soter.language.syntax.their_words import THEIRS
-from soter.language.syntax.tokens import EOF, NAME, printable
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import Fix, Label, Source, Span, made
 from soter.diagnostics.fixes import append, apply_fix, replace
 from soter.diagnostics.similar_names import closest
-from soter.language.syntax.their_words import helps_for, word_at
-from soter.language.syntax.tokens import (
+from soter.language.syntax.lexer import (
     DURATION,
     EOF,
     ERROR,
@@ -26,6 +25,7 @@ from soter.language.syntax.tokens import (
     lex,
     printable,
 )  # fmt: skip
+from soter.language.syntax.their_words import helps_for, word_at
 from soter.language.syntax.tree import DottedPath, Name, Ref
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from soter.diagnostics.codes import Code
     from soter.diagnostics.diagnostic import Diagnostic, Help
-    from soter.language.syntax.tokens import Tokens
+    from soter.language.syntax.lexer import Tokens
     from soter.language.syntax.tree import File
 
 #: So many errors of one file are shown.

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.fixes import replace
 from soter.language.syntax import tree
+from soter.language.syntax.lexer import EOF, INT, NAME, STRING, printable, string_value
 from soter.language.syntax.parsing.literals_and_operators import ANY, LEVELS_MAX, refuse_depth
 from soter.language.syntax.parsing.token_cursor import Panic
-from soter.language.syntax.tokens import EOF, INT, NAME, STRING, printable, string_value
 
 if TYPE_CHECKING:
     from soter.language.syntax.parsing.expressions import ExpressionParser

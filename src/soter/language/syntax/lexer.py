@@ -1,11 +1,10 @@
-"""The lexer: makes tokens of text, keeps comments aside, and explains lines that begin with `#`.
+"""The lexer: makes tokens of text, keeping comments aside.
 
 Purpose: `lex` follows `docs/grammar.ebnf`. It never fails: text that is no token is reported once
 per run, and either left out or replaced by the token that was most likely meant, so that the parser
-can go on. `bad` has the places that it reported, and the parser reports nothing there. For a line
-that begins with `#`, as other languages have them, it says what Soter has instead.
+can go on. `bad` has the places that it reported, and the parser reports nothing there.
 Non-goals: the meaning of literals beyond their shape; which contextual words are keywords where
-(the parser asks by text).
+(the parser asks by text); what a line that begins with `#` means (`hash_lines.py`).
 """
 
 from __future__ import annotations
@@ -15,7 +14,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Label, Span, made
-from soter.diagnostics.fixes import remove, replace
+from soter.diagnostics.fixes import replace
+from soter.language.syntax.hash_lines import explain_hash_line
 from soter.language.syntax.their_words import THEIRS, helps_for, word_at
 
 if TYPE_CHECKING:
@@ -411,52 +411,3 @@ _TROUBLE = {
     12: _report_lookalike,
     13: _report_unknown_characters,
 }
-
-
-_DEFINE = re.compile(r"#\s*define\s+(\w+)\s+\(?(-?[\w.+-]+?)\)?\s*(?://.*)?")
-_DIRECTIVE = re.compile(r"#!?\[|#\s*(?:if|ifn?def|elif|else|endif|pragma|undef)\b")
-_INCLUDE = re.compile(r"#\s*include\s*[<\"]([\w./-]+)[>\"]\s*(?://.*)?")
-
-
-@dataclass(frozen=True)
-class HashLine:
-    """A line that begins with `#`: the message, its place, and names that it would declare."""
-
-    message: str
-    span: Span
-    helps: tuple[Help, ...]
-    declares: frozenset[str] = frozenset()
-
-
-def explain_hash_line(source: Source, token: str, start: int) -> HashLine:
-    """Explains the line `token`, which begins with `#` at offset `start`."""
-    hash_, whole = Span(source, start, start + 1), Span(source, start, start + len(token))
-    define, include = _DEFINE.fullmatch(token), _INCLUDE.fullmatch(token)
-    message = "there is no preprocessor"
-    if define is not None:
-        name, value = define[1], define[2]
-        of = "int" if value.lstrip("-").isdigit() else "float"
-        helps = (replace(whole, f"const {name}: {of} = {value};"),)
-        return HashLine(message, whole, helps, frozenset([name]))
-    if include is not None:
-        stem = include[1].rpartition("/")[2].partition(".")[0]
-        name = _included_name(stem, source.text)
-        if not include[1].endswith(".soter"):
-            advice = ("the prelude needs no import: `sin`, `clamp`, `Vec3` are there",)
-            return HashLine(message, whole, advice, frozenset([name]))
-        helps = (replace(whole, f'import "{include[1]}" as {name};'),)
-        return HashLine(message, whole, helps, frozenset([name]))
-    if _DIRECTIVE.match(token):
-        if "[" in token[:3]:
-            gone = remove(whole, "leave this line out")
-            return HashLine("there are no attributes", whole, (gone,))
-        advice = ("leave these lines out: what differs from run to run is a `param`",)
-        return HashLine(message, whole, advice)
-    comment = replace(hash_, "//", "a comment begins with `//`")
-    return HashLine("`#` does not begin a comment", hash_, (comment,))
-
-
-def _included_name(stem: str, text: str) -> str:
-    """The name by which a text refers to an included file; the file's own if there is no use."""
-    names = [stem, *reversed(stem.split("_"))]
-    return next((n for n in names if n and re.search(rf"\b{n}\.(?!soter\b)[A-Za-z]", text)), stem)

@@ -1,0 +1,106 @@
+"""Draws that a driver decides itself: whatever a step leaves open is asked of it.
+
+Purpose: `AnsweredDraws` asks for the number of an alternative (docs/testing.md, Choices).
+Non-goals: which alternatives are worth trying (`explore/`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from soter.language.model.types import BoolType, EnumType, FloatType, IntType
+from soter.semantics.draws import SeededDraws
+
+if TYPE_CHECKING:
+    from soter.language.model.system import Bound, System
+    from soter.language.model.types import Type, Value
+
+Answer = Callable[[str, int], int]
+"""(stream, count) -> pick, 0 <= pick < count; called in the order in which steps ask."""
+MANY = 2**32 - 1
+"""The most alternatives of a question; those beyond are not reached."""
+
+
+@dataclass(frozen=True, slots=True)
+class ChoiceQuestion:
+    """One question with more than one alternative, and its answer."""
+
+    stream: str
+    count: int
+    pick: int
+    value: Value
+
+
+class AnsweredDraws:
+    """Choices by `answer`: a function, or per stream the picks to come (then 0, the default).
+
+    A question with one alternative is not asked. Disturbances that hold, and what extern plants
+    draw, are drawn by chance under `seed`. `questions` has what was asked, in order; empty it
+    between steps at will.
+    """
+
+    def __init__(
+        self, system: System, answer: Answer | Mapping[str, Iterable[int]], seed: int = 0
+    ) -> None:
+        self.answer = answer if callable(answer) else queued_answers(answer)
+        self.questions: list[ChoiceQuestion] = []
+        self._chance = SeededDraws(seed)
+        self._by_chance = frozenset(_streams_of_chance(system))
+
+    def uniform(self, stream: str, index: int, low: float, high: float) -> float:
+        """The middle (0 where that is inside), low or high."""
+        if stream in self._by_chance:
+            return self._chance.uniform(stream, index, low, high)
+        middle = 0.0 if low <= 0.0 <= high else low + (high - low) / 2.0
+        values = (middle, low, high)
+        value: float = self._ask(stream, 3 if low < high else 1, lambda pick: values[pick])
+        return value
+
+    def leaf(self, t: Type, bound: Bound | None, stream: str, index: int) -> Value:
+        """A float as `uniform` has it; any bool, any enum member, any int of the bound."""
+        if isinstance(t, FloatType):
+            assert bound is not None, f"{stream} is not bounded"
+            return self.uniform(stream, index, bound.low, bound.high)
+        if isinstance(t, BoolType):
+            return self._ask(stream, 2, bool)
+        if isinstance(t, EnumType):
+            return self._ask(stream, len(t.members), int)
+        assert isinstance(t, IntType), t
+        low, high = (t.low, t.high) if bound is None else (int(bound.low), int(bound.high))
+        return self._ask(stream, min(high - low + 1, MANY), lambda pick: low + pick)
+
+    def choice(self, stream: str, index: int, count: int) -> int:
+        """The number of one of `count` alternatives."""
+        if stream in self._by_chance:
+            return self._chance.choice(stream, index, count)
+        pick: int = self._ask(stream, count, int)
+        return pick
+
+    def _ask(self, stream: str, count: int, value: Callable[[int], Value]) -> Value:
+        if count == 1:
+            return value(0)
+        pick = self.answer(stream, count)
+        assert 0 <= pick < count, f"{stream}: {pick} is none of {count} alternatives"
+        outcome = value(pick)
+        self.questions.append(ChoiceQuestion(stream, count, pick, outcome))
+        return outcome
+
+
+def queued_answers(picks: Mapping[str, Iterable[int]]) -> Answer:
+    """Answers from one queue of picks a stream; the default where it has run out."""
+    left = {stream: iter(queue) for stream, queue in picks.items()}
+    return lambda stream, _: next(left.get(stream, iter(())), 0)
+
+
+def _streams_of_chance(system: System) -> Iterable[str]:
+    """The streams that chance answers, not the driver."""
+    for component in system.components:
+        for d in component.disturbances:
+            if d.hold_ns > 0 or component.extern:
+                yield from d.streams
+        if component.extern:
+            yield from (m.stream for m in component.measured)
+        if component.extern and component.plant is not None:
+            yield f"{component.name}.choose"

@@ -1,0 +1,68 @@
+"""What a module remembers from look to look in hidden topics: its latch, and its plan.
+
+Purpose: the latch by which AC gets control back only after an acknowledgement (docs/semantics.md),
+and the plan that SC follows.
+Non-goals: deciding a mode (`rules.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from soter.semantics.configuration import AC, NEVER, SC, with_value
+
+if TYPE_CHECKING:
+    from soter.language.model.system import Module, System
+    from soter.semantics.configuration import Configuration
+
+WAITS, READY, ACKNOWLEDGED = 0, 1, 2
+OPEN, CLOSED = 0, 1
+
+
+def latch_seen(
+    system: System, c: Configuration, module: Module, mode: int
+) -> tuple[Configuration, bool]:
+    """Gives the configuration after a DM looks at its latch, and whether AC may have control.
+
+    An acknowledgement is a press after a release, both published after the takeover. A press that
+    is older than the `max_age` of its topic when the DM reads it does not count, and is spent.
+    """
+    if module.latch is None or mode != SC:
+        return c, True
+    if module.acknowledgement is None:
+        return c, c.Topics[module.latch] == OPEN
+    max_age = system.topics[module.acknowledgement].max_age_ns
+    assert max_age is not None, "M028"
+    held, since = c.Topics[module.latch], c.stamps[module.latch]
+    pressed, stamp = c.Topics[module.acknowledgement], c.stamps[module.acknowledgement]
+    if since == NEVER:  # the first look of this start: only what comes after it counts
+        since = c.ct
+    if held == ACKNOWLEDGED and c.ct - since > max_age:
+        held = WAITS
+    if stamp > since and held == WAITS and not pressed:
+        held, since = READY, stamp
+    elif stamp > since and held == READY and pressed:
+        held, since = ACKNOWLEDGED if c.ct - stamp <= max_age else WAITS, stamp
+    return _remember_latch(c, module.latch, held, since), held == ACKNOWLEDGED
+
+
+def latch_switched(c: Configuration, module: Module, after: int) -> Configuration:
+    """Gives the latch after a change of mode: a takeover sets it and spends the acknowledgement."""
+    if module.latch is None:
+        return c
+    if module.acknowledgement is None:
+        return _remember_latch(c, module.latch, CLOSED, NEVER)
+    return _remember_latch(c, module.latch, WAITS, NEVER if after == AC else c.ct)
+
+
+def plan_chosen(c: Configuration, module: Module, after: int, plan: int | None) -> Configuration:
+    """Stores the plan that was found good with a verdict "AC", which SC follows from then on."""
+    if after != AC or plan is None or module.plan is None or module.forced is not None:
+        return c
+    return replace(c, Topics=with_value(c.Topics, module.plan, plan))
+
+
+def _remember_latch(c: Configuration, latch: int, held: int, since: int) -> Configuration:
+    topics = with_value(c.Topics, latch, held)
+    return replace(c, Topics=topics, stamps=with_value(c.stamps, latch, since))

@@ -1,0 +1,109 @@
+"""Finds Q on smaller cells than the declared ones, where `safer` is computed.
+
+Purpose: where Q is empty on the declared cells, `find_q_on_finer_cells` tries smaller ones: each
+interval in which `safer` lies is cut in two, then in four. Whether that is done depends on counts
+of cells alone.
+Non-goals: the way to Q (`recovery.py`); a `safer` of the user's own, for which the whole grid is
+refined (`grid_refinement.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.verify.grid.grid_refinement import with_halved_cells
+from soter.verify.grid.sets import GridGroup
+from soter.verify.problem.inputs import errors_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from soter.core.layout import Bools
+    from soter.verify.claims.results import GroupSets
+    from soter.verify.grid.case import Case
+    from soter.verify.problem.problem import Group
+
+SIZES = (("half", 80_000), ("a quarter of", 20_000))
+"""The size of smaller cells, in words, and how many of them the target may have at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class FinerQ:
+    """Q on smaller cells than the declared ones: those of `engine`; `home` holds its witnesses."""
+
+    engine: GridGroup
+    group: Group
+    size: str
+    """The size of its smallest cells, in words."""
+    origin: tuple[NDArray[np.intp], ...]
+    """An index: `cells[origin]` is a set `cells` of declared cells, on the cells of `engine`."""
+    home: NDArray[np.uint8]
+
+    def declared_cells(self, cells: Bools) -> Bools:
+        """The declared cells, in their grid's shape, that have one of these small cells in them."""
+        found = np.zeros([int(at.max()) + 1 for at in self.origin], dtype=np.bool_)
+        np.logical_or.at(found, self.origin, cells)
+        return found
+
+
+def find_q_on_finer_cells(
+    case: Case, engine: GridGroup, part: GroupSets
+) -> tuple[FinerQ | None, str]:
+    """Q on the largest smaller cells on which there is one; else None and the sizes tried."""
+    assert part.deployed is not None
+    inner = part.deployed[1]
+    group, tried = part.group, []
+    for size, most in SIZES:
+        group = _with_halved_intervals(group, part.group, inner)
+        fine = engine_on(case, engine, group)
+        origin = index_of_declared_cells(part, group)
+        target = target_on(case, fine, part, origin)
+        if not target.any():
+            continue
+        if np.count_nonzero(target) > most:
+            break
+        tried.append(size)
+        home = fine.compute_core(target).witness
+        if home.any():
+            return FinerQ(fine, group, size, origin, home), ""
+    return None, " or ".join(tried)
+
+
+def engine_on(case: Case, engine: GridGroup, group: Group) -> GridGroup:
+    """An engine for the same dynamics on the cells of `group`."""
+    return GridGroup.of(engine.library, case.problem, group, case.parameter, threads=engine.threads)
+
+
+def target_on(
+    case: Case, fine: GridGroup, part: GroupSets, origin: tuple[NDArray[np.intp], ...]
+) -> Bools:
+    """The small cells of C, in their grid's shape, where DM gives AC control on any estimate."""
+    assert part.deployed is not None
+    return fine.erode(part.deployed[1][origin], errors_of(case.problem)) & part.allowed[origin]
+
+
+def index_of_declared_cells(part: GroupSets, group: Group) -> tuple[NDArray[np.intp], ...]:
+    """An index: `cells[index]` is a set of declared cells, in the shape of the cells of `group`."""
+    return np.ix_(
+        *(_intervals_of(a, np.array(b.edges)) for a, b in zip(part.edges, group.axes, strict=True))
+    )
+
+
+def _with_halved_intervals(group: Group, declared: Group, inner: Bools) -> Group:
+    """The group with each interval cut in two in which a cell of the declared set `inner` lies."""
+    axes = []
+    for k, axis in enumerate(group.axes):
+        near = np.asarray(inner.any(axis=tuple(i for i in range(inner.ndim) if i != k)))
+        at = _intervals_of(declared.axes[k].edges, np.array(axis.edges))
+        axes.append(with_halved_cells(axis, near[at]))
+    return replace(group, axes=tuple(axes))
+
+
+def _intervals_of(declared: Sequence[float], edges: NDArray[np.float64]) -> NDArray[np.intp]:
+    """For each interval of an axis the number of the declared interval that holds it."""
+    return np.maximum(np.searchsorted(np.array(declared), edges[:-1], side="right") - 1, 0)
