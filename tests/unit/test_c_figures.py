@@ -174,6 +174,21 @@ def test_the_guard_of_a_header_is_its_name() -> None:
     assert wrong == []
 
 
+ENGINES = (SOTER / "explore" / "engine" / "c", SOTER / "verify" / "engine")
+HEAD = re.compile(r"/\*(?:(?!\*/).)*\bPurpose:\s(?:(?!\*/).)*\bNon-goals:\s.*?\*/", re.DOTALL)
+
+
+def test_a_head_has_a_purpose_and_non_goals() -> None:
+    assert HEAD.match("/* a.c: adds.\n *\n * Purpose: add. Non-goals: speed.\n */\n")
+    assert not HEAD.match("/* a.c: adds.\n * Purpose: add. */\n/* Non-goals: speed. */\n")
+
+
+def test_each_file_of_the_engines_begins_with_its_purpose_and_non_goals() -> None:
+    every = [path for folder in ENGINES for path in files_below(folder, "*.[ch]")]
+    assert len(every) > 50
+    assert [p.name for p in every if not HEAD.match(p.read_text(encoding="utf-8"))] == []
+
+
 def test_c_files_do_not_need_each_other_in_circles() -> None:
     assert circles(needs(sources())) == []
 

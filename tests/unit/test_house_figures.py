@@ -224,7 +224,6 @@ REASONS = {
     "src/soter/explore/engine/c/soter_explore_internal.h": "what the engine's files share",
     "src/soter/explore/engine/c/soter_explore_bfs.c": "one search; threads keep its one state",
     "src/soter/explore/engine/c/soter_explore_independent_groups.c": "one table, and who fills it",
-    "src/soter/explore/engine/c/soter_explore_transition_cache.c": "one table, inlined functions",
     "src/soter/explore/engine/c/soter_explore_step.c": "what a move does, rule by rule",
     "src/soter/explore/engine/c/soter_explore_store.c": "one table; its functions are inlined",
     "bench/made_again_sections.py": "a row a section of the pages",

@@ -1,6 +1,7 @@
 /* soter_form.h: first-order forms, what the proofs calculate with (docs/verification.md, 2).
  *
- * A form encloses a number x that depends on the inputs of a problem:
+ * Purpose: enclose what the operations of a program give. A form encloses a number x that depends
+ * on the inputs of a problem:
  *
  *     x in [lo, hi]   and   x = c + sum_i g[i] eps_i + rho  with eps_i in [-1, 1], |rho| <= r
  *
@@ -22,6 +23,8 @@
  * Few of many inputs matter at a time: soter_symbols finds those, soter_n_take numbers them 0 to
  * n - 1, every operation soter_n_NAME then works on n symbols, and soter_n_give undoes the
  * numbering. soter_form_NAME is the operation on all SOTER_INPUTS of them.
+ *
+ * Non-goals: sets of states (soter_reach.h), functions of the prelude (soter_form_math.h).
  */
 #ifndef SOTER_FORM_H
 #define SOTER_FORM_H
@@ -623,8 +626,6 @@ SOTER_OPERATION void soter_n_sqrt(int n, soter_form* out, const soter_form* a) {
                            soter_rest_below(soter_below_product(h), slope, a->hi)),
                soter_above_product(soter_above_product(0.25 / slope)), 1.0);
 }
-
-/* ------------------------------------------------------------------ undecided */
 
 /* One of the two, at the same eps. */
 SOTER_OPERATION void soter_n_join(int n, soter_form* out, const soter_form* a,

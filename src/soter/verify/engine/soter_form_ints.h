@@ -1,7 +1,8 @@
 /* soter_form_ints.h: ints as intervals, and their way to and from forms.
  *
- * Operations note in `fault` that a step may fault here; the result then encloses what the
- * operation gives where it does not fault.
+ * Purpose: enclose what operations on ints give. They note in `fault` that a step may fault here;
+ * the result then encloses what the operation gives where it does not fault.
+ * Non-goals: first-order parts of ints; operations on floats (soter_form.h).
  */
 #ifndef SOTER_FORM_INTS_H
 #define SOTER_FORM_INTS_H

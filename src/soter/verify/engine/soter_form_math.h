@@ -1,12 +1,12 @@
 /* soter_form_math.h: functions of the prelude over first-order forms.
  *
- * Each encloses the mathematical function and what the prelude computes in its place. `ulps` is the
- * bound of src/soter/language/prelude/function_error_bounds.py on the difference of the two:
- * tested, not proved. The values come from libm, which is taken to be within SOTER_LIBM ulps of the
- * true ones.
+ * Purpose: enclose sin, sqrt and others. Each encloses the mathematical function and what the
+ * prelude computes in its place. `ulps` is the bound of
+ * src/soter/language/prelude/function_error_bounds.py on the difference of the two: tested, not
+ * proved. The values come from libm, which is taken to be within SOTER_LIBM ulps of the true ones.
  *
  * First-order parts by the mean value theorem: f(x) in f(m) + [f'] (x - m), with an enclosure [f']
- * of the derivative over the whole interval.
+ * of the derivative over the whole interval. Non-goals: + - * / and comparisons (soter_form.h).
  */
 #ifndef SOTER_FORM_MATH_H
 #define SOTER_FORM_MATH_H
@@ -56,8 +56,6 @@ SOTER_OPERATION void soter_n_widen(int n, soter_form* out, double off) {
   }
 }
 
-/* ------------------------------------------------------------------ sin, cos, tan */
-
 /* Whether [lo, hi] contains phase + 2 pi k for some k, or nearly does; |lo|, |hi| <= 1e5. */
 SOTER_INLINE bool soter_meets(double lo, double hi, double phase) {
   const double turn = 2.0 * SOTER_MATH_PI;
@@ -101,8 +99,6 @@ SOTER_OPERATION void soter_n_sin(int n, soter_form* out, const soter_form* a, do
 SOTER_OPERATION void soter_n_cos(int n, soter_form* out, const soter_form* a, double ulps) {
   soter_n_wave(n, out, a, true, ulps);
 }
-
-/* ------------------------------------------------------------------ any number of turns */
 
 /* What a sum that holds angles may be off where each is any number of turns further: up to 2^16 all
  * together, with a rest of up to 2^15, and 8 roundings of 2^-37 each. */
@@ -152,8 +148,6 @@ SOTER_OPERATION void soter_n_tan(int n, soter_form* out, const soter_form* a, do
   soter_n_mean(n, out, a, m, tan(m), (1.0 + near * near) * (1.0 - 0x1p-49),
                (1.0 + far * far) * (1.0 + 0x1p-49), off);
 }
-
-/* ------------------------------------------------------------------ functions that rise */
 
 SOTER_OPERATION void soter_n_exp(int n, soter_form* out, const soter_form* a, double ulps) {
   const double off = soter_off(ulps), m = soter_middle(a);
@@ -248,8 +242,6 @@ SOTER_OPERATION void soter_n_acos(int n, soter_form* out, const soter_form* a, d
   soter_n_mean(n, out, a, m, acos(m), -1.0 / sqrt((1.0 - far) * (1.0 + far)) * (1.0 + 0x1p-49),
                -1.0 / sqrt((1.0 - near) * (1.0 + near)) * (1.0 - 0x1p-49), off);
 }
-
-/* ------------------------------------------------------------------ of two arguments */
 
 /* Where the signs decide, atan of a quotient beside a quarter turn; elsewhere any angle. */
 SOTER_OPERATION void soter_n_atan2(int n, soter_form* out, const soter_form* y, const soter_form* x,

@@ -1,5 +1,6 @@
 /* The core K: the greatest fixpoint, tile by tile.
  * Purpose: {c in C : some N <= longest: tube in C, image in K}; N is the witness.
+ * That it is a core is argued in docs/proof-sets.md, "Chains" and "Late commands".
  * Non-goals: tubes under all of U (soter_reach_tubes.c).
  *
  * Rounds: every tile whose images touch a cell that fell in the last round is looked at again,
@@ -23,7 +24,7 @@ typedef struct {
 } core_job;
 
 /* More than a cell away from every cell of K. */
-static int remote(const soter_reach_group* g, const uint64_t* kept, const uint16_t* image) {
+static int is_remote(const soter_reach_group* g, const uint64_t* kept, const uint16_t* image) {
   uint16_t box[2 * AXES];
   for (int a = 0; a < g->axes; a++) {
     const int n = g->cells[a], last = image[2 * a + 1];
@@ -65,9 +66,9 @@ static void start_batch(chain_batch* c, int64_t tile) {
 
 enum { NEVER, NOT_YET, FOUND };
 
-/* What an image says that was reached with all before it in C. */
-static int arrived(const core_job* job, const double* lo, const double* hi, uint16_t* image,
-                   int* lost) {
+/* Says whether an image lies in K; it was reached with all before it in C. */
+static int judge_image(const core_job* job, const double* lo, const double* hi, uint16_t* image,
+                       int* lost) {
   const soter_reach_group* g = job->g;
   const soter_reach_work* w = job->w;
   SOTER_CHECK(*lost >= 0);
@@ -77,12 +78,12 @@ static int arrived(const core_job* job, const double* lo, const double* hi, uint
   if (soter_reach_inside(g, w->r.kept, image, 0)) {
     return FOUND;
   }
-  *lost = remote(g, w->r.kept, image) ? *lost + 1 : 0;
+  *lost = is_remote(g, w->r.kept, image) ? *lost + 1 : 0;
   return *lost >= w->patience ? NEVER : NOT_YET;
 }
 
 /* Whether the tube of a hold lies in C. */
-static int in_c(const core_job* job, const soter_hold* h) {
+static int tube_is_in_c(const core_job* job, const soter_hold* h) {
   uint16_t tube[2 * AXES];
   SOTER_CHECK(job->w->allowed != 0);
   return soter_reach_cover(job->g, h->tube_lo, h->tube_hi, tube) &&
@@ -101,8 +102,8 @@ static void copy_chain(const soter_reach_group* g, soter_reach_chain* to,
 
 /* Whether a chain is kept of the cell, as it stood after its witness's holds; `x` is that one, or
  * the cell. */
-static int resume(const soter_reach_group* g, const soter_reach_work* w, int64_t cell,
-                  const int* at, soter_reach_chain* x) {
+static int resume_chain(const soter_reach_group* g, const soter_reach_work* w, int64_t cell,
+                        const int* at, soter_reach_chain* x) {
   if (w->witness[cell] > 0 && w->slot[cell] >= 0) {
     SOTER_CHECK(w->slot[cell] < w->pool_size);
     copy_chain(g, x, &w->pool[w->slot[cell]]);
@@ -113,8 +114,8 @@ static int resume(const soter_reach_group* g, const soter_reach_work* w, int64_t
 }
 
 /* Keeps the chain of a cell, while there is room: each thread has a half of it. */
-static void put_away(const soter_reach_group* g, soter_reach_work* w, int who, int64_t cell,
-                     const soter_reach_chain* x) {
+static void put_chain_away(const soter_reach_group* g, soter_reach_work* w, int who, int64_t cell,
+                           const soter_reach_chain* x) {
   const int half = w->pool_size / SOTER_REACH_THREADS;
   if (w->slot[cell] < 0 && w->pool_used[who] < half) {
     w->slot[cell] = who * half + w->pool_used[who]++;
@@ -126,29 +127,28 @@ static void put_away(const soter_reach_group* g, soter_reach_work* w, int who, i
 }
 
 /* The cell of a chain leaves K at the end of the round. */
-static void falls(soter_reach_work* w, int64_t tile, const cell_chain* k) {
+static void drop_cell(soter_reach_work* w, int64_t tile, const cell_chain* k) {
   SOTER_CHECK(k->bit >= 0 && k->bit < 64);
   w->witness[k->cell] = 0;
   w->r.changed[tile] |= UINT64_C(1) << k->bit;
 }
 
 /* A witness was found for the cell of a chain, or none ever will be. */
-static void ends(core_job* job, int who, int64_t tile, const cell_chain* k, int found) {
+static void end_chain(core_job* job, int who, int64_t tile, const cell_chain* k, int found) {
   soter_reach_work* w = job->w;
   if (found != FOUND) {
-    falls(w, tile, k);
+    drop_cell(w, tile, k);
     return;
   }
   if (k->n > 1 && k->n < w->longest) {
-    put_away(job->g, w, who, k->cell, &k->x);
+    put_chain_away(job->g, w, who, k->cell, &k->x);
   }
   SOTER_CHECK(k->n >= 1 && k->n <= UINT8_MAX);
   w->witness[k->cell] = (uint8_t)k->n;
   soter_reach_depend(job->g, w->r.reaches + 2 * job->g->axes * tile, k->image);
 }
 
-/* Starts a chain where that of its cell stood, or from the cell; 0: it has gone as far as may be.
- */
+/* Starts a chain where that of its cell stood, or from the cell; 0: it has gone too far. */
 static int start_chain(const core_job* job, int64_t cell, const int* at, cell_chain* k) {
   const soter_reach_work* w = job->w;
   k->lost = k->again = 0;
@@ -158,7 +158,7 @@ static int start_chain(const core_job* job, int64_t cell, const int* at, cell_ch
   if (k->n >= w->longest) {
     return 0;
   }
-  if (!resume(job->g, w, cell, at, &k->x)) {
+  if (!resume_chain(job->g, w, cell, at, &k->x)) {
     (void)soter_reach_box(job->g, at, at, k->image);
     k->again = k->n;
   }
@@ -181,9 +181,9 @@ static int continue_chain(core_job* job, int who, cell_chain* k) {
   }
   k->n++;
   if (k->in_c) {
-    found = arrived(job, k->x.lo, k->x.hi, k->image, &k->lost);
-  } else if (in_c(job, &k->h)) {
-    found = arrived(job, k->h.image_lo, k->h.image_hi, k->image, &k->lost);
+    found = judge_image(job, k->x.lo, k->x.hi, k->image, &k->lost);
+  } else if (tube_is_in_c(job, &k->h)) {
+    found = judge_image(job, k->h.image_lo, k->h.image_hi, k->image, &k->lost);
   } else {
     return NEVER;
   }
@@ -237,7 +237,7 @@ static void hold_batch(core_job* job, int who, chain_batch* c) {
     cell_chain* one = c->going[k];
     const int found = continue_chain(job, who, one);
     if (found != NOT_YET) {
-      ends(job, who, c->tile, one, found);
+      end_chain(job, who, c->tile, one, found);
       c->going[k] = c->going[--c->count];
       c->going[c->count] = one;
     }
@@ -260,8 +260,8 @@ static inline int same_image(int n, const uint16_t* a, const uint16_t* b) {
   return same;
 }
 
-static void answer_for(const soter_reach_group* g, const uint64_t* kept, const uint16_t* image,
-                       last_answer* s) {
+static void remember_answer(const soter_reach_group* g, const uint64_t* kept, const uint16_t* image,
+                            last_answer* s) {
   SOTER_CHECK(image[0] <= image[1]);
   if (s->inside < 0 || !same_image(g->axes, s->image, image)) {
     memcpy(s->image, image, sizeof(uint16_t) * 2 * (size_t)g->axes);
@@ -270,11 +270,11 @@ static void answer_for(const soter_reach_group* g, const uint64_t* kept, const u
 }
 
 /* Whether the chain of a cell is given up where its witness's image lies. */
-static int given_up(const core_job* job, int64_t cell) {
+static int is_given_up(const core_job* job, int64_t cell) {
   const soter_reach_work* w = job->w;
   SOTER_CHECK(cell >= 0);
   return w->patience <= 1 && w->witness[cell] > 0 &&
-         remote(job->g, w->r.kept, w->image + 2 * job->g->axes * cell);
+         is_remote(job->g, w->r.kept, w->image + 2 * job->g->axes * cell);
 }
 
 /* A cell of K is looked at: its witness serves still, it falls, or a chain starts from it. */
@@ -285,21 +285,21 @@ static void look_at_cell(core_job* job, int64_t cell, const int* at, int bit, la
   cell_chain* one = c->going[c->count];
   SOTER_CHECK(c->count < LANES && bit < 64);
   if (w->witness[cell] > 0) {
-    answer_for(g, w->r.kept, w->image + 2 * g->axes * cell, s);
+    remember_answer(g, w->r.kept, w->image + 2 * g->axes * cell, s);
     if (s->inside) {
       return;
     }
   }
   one->cell = cell;
   one->bit = bit;
-  if (given_up(job, cell) || !start_chain(job, cell, at, one)) {
-    falls(job->w, c->tile, one);
+  if (is_given_up(job, cell) || !start_chain(job, cell, at, one)) {
+    drop_cell(job->w, c->tile, one);
   } else {
     c->count++;
   }
 }
 
-static void by_cells(core_job* job, int who, int64_t tile, const int* first, const int* last) {
+static void look_at_cells(core_job* job, int who, int64_t tile, const int* first, const int* last) {
   const soter_reach_group* g = job->g;
   const soter_reach_work* w = job->w;
   const int end = g->axes - 1, begin = first[end], wide = last[end] - begin + 1;
@@ -330,19 +330,21 @@ static void by_cells(core_job* job, int who, int64_t tile, const int* first, con
 }
 
 /* Whether a box as a whole is back in K after one hold. */
-static int in_one_hold(core_job* job, int who, const int* first, const int* last, uint16_t* image) {
+static int box_returns_in_one_hold(core_job* job, int who, const int* first, const int* last,
+                                   uint16_t* image) {
   soter_reach_chain x;
   soter_hold h;
   soter_reach_start_at(job->g, first, last, &x);
   SOTER_CHECK(x.holds == 0);
   job->w->r.steps[who]++;
-  return soter_reach_hold(job->g, &job->scratch[who], &x, &h) && in_c(job, &h) &&
+  return soter_reach_hold(job->g, &job->scratch[who], &x, &h) && tube_is_in_c(job, &h) &&
          soter_reach_cover(job->g, h.image_lo, h.image_hi, image) &&
          soter_reach_inside(job->g, job->w->r.kept, image, 0);
 }
 
 /* Tries a part of a tile as one box; halves it where that fails. */
-static void by_halves(core_job* job, int who, int64_t tile, const int* first, const int* last) {
+static void look_at_halves(core_job* job, int who, int64_t tile, const int* first,
+                           const int* last) {
   const soter_reach_group* g = job->g;
   soter_reach_work* w = job->w;
   uint16_t image[2 * AXES] = {0}, box[2 * AXES] = {0};
@@ -352,7 +354,7 @@ static void by_halves(core_job* job, int who, int64_t tile, const int* first, co
     return;
   }
   if (size > 1 && soter_reach_inside(g, w->r.kept, box, 0)) {
-    if (in_one_hold(job, who, first, last, image)) {
+    if (box_returns_in_one_hold(job, who, first, last, image)) {
       int at[AXES];
       memcpy(at, first, sizeof at);
       soter_reach_depend(g, w->r.reaches + 2 * g->axes * tile, image);
@@ -368,11 +370,12 @@ static void by_halves(core_job* job, int who, int64_t tile, const int* first, co
     return; /* cell by cell, afterwards */
   }
   soter_reach_halves(g, first, last, mid_last, mid_first);
-  by_halves(job, who, tile, first, mid_last);
-  by_halves(job, who, tile, mid_first, last);
+  look_at_halves(job, who, tile, first, mid_last);
+  look_at_halves(job, who, tile, mid_first, last);
 }
 
-static void look(soter_crew* crew, int who, int64_t k) {
+/* Looks at a tile that may mind what fell, box by box or cell by cell. */
+static void look_at_tile(soter_crew* crew, int who, int64_t k) {
   core_job* job = crew->job;
   const soter_reach_group* g = job->g;
   soter_reach_work* w = job->w;
@@ -381,9 +384,9 @@ static void look(soter_crew* crew, int who, int64_t k) {
   (void)soter_reach_tile(g, tile, first, last);
   if (w->r.begun[tile] == 0) {
     w->r.begun[tile] = 1;
-    by_halves(job, who, tile, first, last);
+    look_at_halves(job, who, tile, first, last);
   }
-  by_cells(job, who, tile, first, last);
+  look_at_cells(job, who, tile, first, last);
 }
 
 /* Every cell that may be in K begins there and is looked at once. */
@@ -408,7 +411,7 @@ int soter_reach_core_continue(const soter_reach_group* g, soter_reach_work* w, d
   int done;
   soter_reach_inputs(g, &job.scratch[0]);
   soter_reach_inputs(g, &job.scratch[1]);
-  (void)soter_crew_begin(&crew, look, &job, seconds, threads);
+  (void)soter_crew_begin(&crew, look_at_tile, &job, seconds, threads);
   done = soter_reach_rounds_run(g, &w->r, 0, &crew);
   soter_crew_end(&crew);
   return done;
@@ -416,11 +419,8 @@ int soter_reach_core_continue(const soter_reach_group* g, soter_reach_work* w, d
 
 /* Witnesses of what is left; 0 elsewhere. */
 void soter_reach_core_end(const soter_reach_group* g, soter_reach_work* w) {
-  int64_t rows = 1;
+  const int64_t rows = soter_reach_words(g) / g->words;
   const int n = g->cells[g->axes - 1];
-  for (int a = 0; a + 1 < g->axes; a++) {
-    rows *= g->cells[a];
-  }
   for (int64_t r = 0; r < rows; r++) {
     for (int b = 0; b < n; b++) {
       if ((w->r.kept[r * g->words + (b >> 6)] >> (b & 63) & 1U) == 0) {

@@ -1,5 +1,8 @@
 /* Sets of states on rectilinear grids: cores, tubes, predicates, ranks (docs/verification.md,
- * section 3). No heap, no globals: all memory is the caller's. Every result rounds outward.
+ * section 3).
+ * Purpose: declare what Python asks of the engine. No heap, no globals: all memory is the caller's.
+ * Every result rounds outward.
+ * Non-goals: which sets a proof needs (verify/claims/claims.py).
  *
  * A group has up to four axes; a cell is a closed box; what lies outside the grid is unsafe.
  * Sets are bits: rows along the last axis, `words` words a row, least significant bit first. */

@@ -65,8 +65,8 @@ static inline int holds_box(const soter_reach_group* g, const int* first, const 
 }
 
 /* Whether the law gives the same number for every state of x, whatever the other inputs are. */
-static int one_command(const soter_reach_group* g, soter_scratch* s, const soter_reach_chain* x,
-                       double* command) {
+static int has_one_command(const soter_reach_group* g, soter_scratch* s, const soter_reach_chain* x,
+                           double* command) {
   static const double none[AXES] = {0, 0, 0, 0};
   line u[COMMANDS];
   SOTER_CHECK(g->held_low == 0 && g->delay <= 0 && g->jitter <= 0);
@@ -82,15 +82,15 @@ static int one_command(const soter_reach_group* g, soter_scratch* s, const soter
   return 1;
 }
 
-/* What is known of a block. */
-static int ask(const soter_reach_group* g, const uint64_t* allowed, soter_scratch* s,
-               const int* first, const int* last, double* command) {
+/* Finds what is known of a block. */
+static int find_command(const soter_reach_group* g, const uint64_t* allowed, soter_scratch* s,
+                        const int* first, const int* last, double* command) {
   soter_reach_chain x;
   soter_hold h;
   uint16_t tube[2 * AXES];
   soter_reach_start_at(g, first, last, &x);
   SOTER_CHECK(x.from_low == 0 && x.from_high == 0);
-  if (!one_command(g, s, &x, command)) {
+  if (!has_one_command(g, s, &x, command)) {
     return SOTER_REACH_NOTHING;
   }
   return soter_reach_hold(g, s, &x, &h) && soter_reach_cover(g, h.tube_lo, h.tube_hi, tube) &&
@@ -118,7 +118,7 @@ int soter_reach_around(const soter_reach_group* g, const soter_reach_work* w, so
   }
   const int to_tell = __atomic_compare_exchange_n(&w->known[tile], &unknown, ASKED, 0,
                                                   __ATOMIC_ACQUIRE, __ATOMIC_ACQUIRE);
-  answer = ask(g, w->allowed, s, first, last, s->command);
+  answer = find_command(g, w->allowed, s, first, last, s->command);
   if (to_tell) {
     memcpy(here, s->command, sizeof(double) * (size_t)g->commands);
     __atomic_store_n(&w->known[tile], (uint8_t)(ANSWERED + answer), __ATOMIC_RELEASE);

@@ -1,5 +1,6 @@
-/* What a hold calculates with: sums of products, lines, enclosures that move on; and what rounding
- * takes from them.
+/* What a hold calculates with: sums of products, lines, enclosures that move on.
+ * Purpose: bound what rounding takes from them; the argument is (1) to (4) here.
+ * Non-goals: which sums a hold needs (soter_reach_hold.c).
  *
  * u = 2^-53, EPS = 2 u; rounding is to nearest and nothing is contracted. A computed x = fl(a op b)
  * is off by at most u |x|, and by 2^-1075 more where * or / underflow (+ and - do not); fl is
@@ -183,7 +184,7 @@ enum { NOISE = 1 + AXES + COMMANDS + 1 + COMMANDS };
  * New m: `to` and n terms M (m - from), by (3) with one more rounding for m - from and COMMANDS + 1
  * for M; g: n terms. Each term is at most size (|m| + |from| + row) in size, as is M's error times
  * |x - from|, for row bounds |x - m|. box: noise and n products, a sum, by (2) with three sums
- * thereafter; one rounding more is left over for `handover`. */
+ * thereafter; one rounding more is left over for `add_handover`. */
 ENOUGH(centre, 1 + AXES + 1 + (COMMANDS + 1), 32);
 ENOUGH(noise, NOISE + 1 + 1 + 2 + 1, 16);
 ENOUGH(box, 1 + AXES + 1 + 1 + 2, 16);

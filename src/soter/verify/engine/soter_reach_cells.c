@@ -53,7 +53,8 @@ ALWAYS void segment_of(int n, const soter_reach_segment* s, const boxes* from, b
   }
 }
 
-static void segment(const cell_tubes* job, int k, const boxes* from, boxes* sums, boxes* all_of) {
+static void move_segment(const cell_tubes* job, int k, const boxes* from, boxes* sums,
+                         boxes* all_of) {
   const soter_reach_segment* s = &job->tube->at[k];
   SOTER_CHECK(k >= 0 && k < job->tube->segments);
   if (job->g->axes == 2) {
@@ -87,7 +88,7 @@ static int touches(const soter_reach_group* g, const double* lo, const double* h
 }
 
 /* Whether it goes beyond an end of the grid that runs do not keep. */
-static int goes_out(const soter_reach_group* g, const double* lo, const double* hi) {
+static int leaves_grid(const soter_reach_group* g, const double* lo, const double* hi) {
   int out = 0;
   for (int a = 0; a < g->axes; a++) {
     const double* e = g->edges[a];
@@ -101,7 +102,7 @@ static int goes_out(const soter_reach_group* g, const double* lo, const double* 
 enum { LEAVES, STAYS, TIE };
 
 /* What a lane of a segment says of its cell. */
-static int verdict(const cell_tubes* job, int l, const boxes* sums, const boxes* all_of) {
+static int verdict_of_lane(const cell_tubes* job, int l, const boxes* sums, const boxes* all_of) {
   const soter_reach_group* g = job->g;
   double lo[AXES], hi[AXES];
   uint16_t box[2 * AXES];
@@ -112,7 +113,7 @@ static int verdict(const cell_tubes* job, int l, const boxes* sums, const boxes*
     return STAYS;
   }
   lane_of(g->axes, l, sums, lo, hi);
-  return (covered ? touches(g, lo, hi, box) : goes_out(g, lo, hi)) ? LEAVES : TIE;
+  return (covered ? touches(g, lo, hi, box) : leaves_grid(g, lo, hi)) ? LEAVES : TIE;
 }
 
 /* Cells that are asked about together, and where it is told of them. */
@@ -124,14 +125,14 @@ typedef struct {
 
 /* Tells of the cells of `c`, and empties it; 0: there was a tie. What leaves has mostly left at the
  * end: that is looked at first. */
-static int tell(const cell_tubes* job, asked* c) {
+static int tell_cells(const cell_tubes* job, asked* c) {
   unsigned left = (1U << c->count) - 1U;
   SOTER_CHECK(c->count >= 0 && c->count <= LANES);
   for (int k = job->tube->segments - 1; k >= 0 && left != 0; k--) {
     boxes sums, all_of;
-    segment(job, k, &c->from, &sums, &all_of);
+    move_segment(job, k, &c->from, &sums, &all_of);
     for (int l = 0; l < c->count; l++) {
-      const int said = left >> l & 1U ? verdict(job, l, &sums, &all_of) : STAYS;
+      const int said = left >> l & 1U ? verdict_of_lane(job, l, &sums, &all_of) : STAYS;
       if (said == TIE) {
         return 0;
       }
@@ -145,7 +146,7 @@ static int tell(const cell_tubes* job, asked* c) {
   return 1;
 }
 
-static void add(const soter_reach_group* g, const int* at, uint8_t* out, asked* c) {
+static void add_cell(const soter_reach_group* g, const int* at, uint8_t* out, asked* c) {
   SOTER_CHECK(c->count < LANES);
   for (int a = 0; a < g->axes; a++) {
     c->from.lo[a][c->count] = g->edges[a][at[a]];
@@ -172,13 +173,13 @@ int soter_reach_cells_stay(const soter_reach_group* g, const soter_reach_tube* t
     for (int k = 0; k < wide; k++, at[end]++) {
       cells[k] = (uint8_t)(done >> k & 1U);
       if ((in & ~done) >> k & 1U) {
-        add(g, at, &cells[k], &c);
-        if (c.count == LANES && !tell(&job, &c)) {
+        add_cell(g, at, &cells[k], &c);
+        if (c.count == LANES && !tell_cells(&job, &c)) {
           return 0;
         }
       }
     }
     at[end] = first[end];
   } while (soter_reach_next_cell(end, first, last, at));
-  return tell(&job, &c);
+  return tell_cells(&job, &c);
 }

@@ -20,8 +20,8 @@ static uint16_t* image_of(const choice_job* job, int64_t cell, int k) {
 
 /* One hold of command k from a box of cells: 1 where the tube lies in C and the image in the grid.
  */
-static int step(choice_job* job, int who, const int* first, const int* last, int k,
-                uint16_t* image) {
+static int image_under(choice_job* job, int who, const int* first, const int* last, int k,
+                       uint16_t* image) {
   soter_reach_group* g = &job->group[who];
   soter_reach_chain x;
   soter_hold h;
@@ -34,9 +34,9 @@ static int step(choice_job* job, int who, const int* first, const int* last, int
          soter_reach_cover(g, h.image_lo, h.image_hi, image);
 }
 
-/* Command k keeps every cell of the box, by one image. */
-static void keeps_all(choice_job* job, const int* first, const int* last, int k,
-                      const uint16_t* image) {
+/* Notes that command k keeps every cell of the box, by one image. */
+static void note_all_keep(choice_job* job, const int* first, const int* last, int k,
+                          const uint16_t* image) {
   const soter_reach_group* g = job->g;
   int at[AXES];
   memcpy(at, first, sizeof at);
@@ -48,8 +48,8 @@ static void keeps_all(choice_job* job, const int* first, const int* last, int k,
 }
 
 /* Commands among `todo` for all cells of a box at once; the rest for its halves. */
-static void by_halves(choice_job* job, int who, int64_t tile, const int* first, const int* last,
-                      uint64_t todo) {
+static void look_at_halves(choice_job* job, int who, int64_t tile, const int* first,
+                           const int* last, uint64_t todo) {
   const soter_reach_group* g = job->g;
   soter_reach_choice* w = job->w;
   uint16_t box[2 * AXES] = {0}, image[2 * AXES];
@@ -59,19 +59,19 @@ static void by_halves(choice_job* job, int who, int64_t tile, const int* first, 
     return;
   }
   for (int k = 0; k < w->count; k++) {
-    if ((todo >> k & 1U) != 0 && step(job, who, first, last, k, image) &&
+    if ((todo >> k & 1U) != 0 && image_under(job, who, first, last, k, image) &&
         (size == 1 || soter_reach_inside(g, w->r.kept, image, 0))) {
       todo &= ~(UINT64_C(1) << k);
       soter_reach_depend(g, w->r.reaches + 2 * g->axes * tile, image);
-      keeps_all(job, first, last, k, image);
+      note_all_keep(job, first, last, k, image);
     }
   }
   if (todo == 0 || size == 1) {
     return;
   }
   soter_reach_halves(g, first, last, mid_last, mid_first);
-  by_halves(job, who, tile, first, mid_last, todo);
-  by_halves(job, who, tile, mid_first, last, todo);
+  look_at_halves(job, who, tile, first, mid_last, todo);
+  look_at_halves(job, who, tile, mid_first, last, todo);
 }
 
 /* Takes commands from a cell that keep it in the set no longer. */
@@ -84,7 +84,7 @@ static void check_commands(choice_job* job, int who, int64_t tile, int64_t cell,
       continue;
     }
     /* what was found for a larger box is looked at for this cell */
-    if (!step(job, who, at, at, k, image) || !soter_reach_inside(g, w->r.kept, image, 0)) {
+    if (!image_under(job, who, at, at, k, image) || !soter_reach_inside(g, w->r.kept, image, 0)) {
       w->fine[cell] &= ~(UINT64_C(1) << k);
     } else {
       soter_reach_depend(g, w->r.reaches + 2 * g->axes * tile, image);
@@ -92,7 +92,7 @@ static void check_commands(choice_job* job, int who, int64_t tile, int64_t cell,
   }
 }
 
-static void look(soter_crew* crew, int who, int64_t n) {
+static void look_at_tile(soter_crew* crew, int who, int64_t n) {
   choice_job* job = crew->job;
   const soter_reach_group* g = job->g;
   soter_reach_choice* w = job->w;
@@ -101,8 +101,8 @@ static void look(soter_crew* crew, int who, int64_t n) {
   (void)soter_reach_tile(g, tile, first, last);
   if (w->r.begun[tile] == 0) {
     w->r.begun[tile] = 1;
-    by_halves(job, who, tile, first, last,
-              w->count == 64 ? ~UINT64_C(0) : (UINT64_C(1) << w->count) - 1);
+    look_at_halves(job, who, tile, first, last,
+                   w->count == 64 ? ~UINT64_C(0) : (UINT64_C(1) << w->count) - 1);
   }
   memcpy(at, first, sizeof at);
   do {
@@ -138,7 +138,7 @@ int soter_reach_choice_continue(const soter_reach_group* g, soter_reach_choice* 
     job.group[t] = *g;
     job.group[t].delay = 0; /* when the command was read matters to which one it is, not here */
   }
-  (void)soter_crew_begin(&crew, look, &job, seconds, threads);
+  (void)soter_crew_begin(&crew, look_at_tile, &job, seconds, threads);
   done = soter_reach_rounds_run(g, &w->r, 0, &crew);
   soter_crew_end(&crew);
   return done;

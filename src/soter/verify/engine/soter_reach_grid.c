@@ -1,10 +1,13 @@
-/* Grids: from boxes to cells, sets as bits, erosion. */
+/* Grids: from boxes to cells, sets as bits, erosion.
+ * Purpose: say which cells cover a box, and whether a set of cells holds all or one of them. How an
+ * axis wraps around is argued in docs/proof-sets.md, "Axes that wrap around".
+ * Non-goals: where a box comes from (soter_reach_hold.c, soter_reach_tubes.c). */
 #include "soter_reach_internal.h"
 
 #include <string.h>
 
 /* A cell near x, for x in the grid; the edges say which one it is. */
-static inline int near(const soter_reach_group* g, int axis, double x) {
+static inline int guess_cell(const soter_reach_group* g, int axis, double x) {
   const double* e = g->edges[axis];
   const int buckets = g->guesses[axis];
   const int b = (int)((x - e[0]) * g->per_unit[axis]);
@@ -14,7 +17,7 @@ static inline int near(const soter_reach_group* g, int axis, double x) {
 /* The last cell that begins at lo or before. */
 static inline int first_of(const soter_reach_group* g, int axis, double lo) {
   const double* e = g->edges[axis];
-  int i = near(g, axis, lo);
+  int i = guess_cell(g, axis, lo);
   while (e[i] > lo) {
     i--;
   }
@@ -27,7 +30,7 @@ static inline int first_of(const soter_reach_group* g, int axis, double lo) {
 /* The first cell that ends at hi or after. */
 static inline int last_of(const soter_reach_group* g, int axis, double hi) {
   const double* e = g->edges[axis];
-  int j = near(g, axis, hi);
+  int j = guess_cell(g, axis, hi);
   while (e[j + 1] < hi) {
     j++;
   }
@@ -38,7 +41,7 @@ static inline int last_of(const soter_reach_group* g, int axis, double hi) {
 }
 
 /* Of an interval that is not empty: beyond an axis without an end all is of the outer cell. */
-static void into_outer_cells(const soter_reach_group* g, int axis, double* lo, double* hi) {
+static void move_into_outer_cells(const soter_reach_group* g, int axis, double* lo, double* hi) {
   const double low = g->edges[axis][0];
   const double high = g->edges[axis][g->cells[axis]];
   SOTER_CHECK(*lo <= *hi && low < high);
@@ -53,12 +56,12 @@ static void into_outer_cells(const soter_reach_group* g, int axis, double* lo, d
 }
 
 /* Brings what sticks out of the grid into it, where that may be; 0 where it may not. */
-static int brought_in(const soter_reach_group* g, int axis, double* lo, double* hi) {
+static int bring_in(const soter_reach_group* g, int axis, double* lo, double* hi) {
   const double* e = g->edges[axis];
   const int n = g->cells[axis];
   soter_reach_keep_axis(g, axis, lo, hi);
   if (*lo <= *hi) {
-    into_outer_cells(g, axis, lo, hi);
+    move_into_outer_cells(g, axis, lo, hi);
   }
   SOTER_CHECK(n >= 1);
   return *lo >= e[0] && *hi <= e[n] && *lo <= *hi;
@@ -70,8 +73,7 @@ static int brought_in(const soter_reach_group* g, int axis, double* lo, double* 
  * A chain goes on beyond the ends, as far as the enclosures' domain, and is brought back here: a
  * box is covered by cells `first` up to `last`, of which those from `cells` on are those from 0 on.
  * The declared ends are a turn apart but for rounding. The outer cells go SEAM further, so that
- * they meet, and what is brought back with rounding to the seam lies in one of them.
- */
+ * they meet, and what is brought back with rounding to the seam lies in one. */
 #define FULL_TURN 6.283185307179586
 #define SEAM 0x1p-40        /* as `SEAM` of group_model.py */
 #define NEAR_A_TURN 0x1p-46 /* more than what less than 8 turns, and sums with them, are off */
@@ -119,7 +121,7 @@ static inline int cells_along(const soter_reach_group* g, int axis, double lo, d
   if (g->kept_low[axis] == SOTER_REACH_WRAPS) {
     return cells_around(g, axis, lo, hi, first, last);
   }
-  if (!(lo >= e[0] && hi <= e[n] && lo <= hi) && !brought_in(g, axis, &lo, &hi)) {
+  if (!(lo >= e[0] && hi <= e[n] && lo <= hi) && !bring_in(g, axis, &lo, &hi)) {
     return 0;
   }
   *first = first_of(g, axis, lo);
@@ -147,7 +149,7 @@ int soter_reach_cover(const soter_reach_group* g, const double* lo, const double
 }
 
 /* Masks of the words from..to of a row that hold bits first..last. */
-static inline uint64_t mask(int word, int first, int last) {
+static inline uint64_t word_mask(int word, int first, int last) {
   uint64_t m = ~UINT64_C(0);
   if (word == first >> 6) {
     m &= ~UINT64_C(0) << (first & 63);
@@ -158,20 +160,11 @@ static inline uint64_t mask(int word, int first, int last) {
   return m;
 }
 
-/* The next row of a box of cells; 0 after the last one. `at` counts the axes but the last. */
-static inline int64_t row_of(const soter_reach_group* g, const int* at) {
-  int64_t row = 0;
-  for (int a = 0; a + 1 < g->axes; a++) {
-    row = row * g->cells[a] + at[a];
-  }
-  return row;
-}
-
 /* Whether the cells first..last of a row differ from what would go on: for `any` none is in the
  * set, else all are. */
 static inline int row_tells(const uint64_t* row, int first, int last, int any) {
   for (int w = first >> 6; w <= last >> 6; w++) {
-    const uint64_t m = mask(w, first, last);
+    const uint64_t m = word_mask(w, first, last);
     if (any ? (row[w] & m) != 0 : (row[w] & m) != m) {
       return 1;
     }
@@ -183,7 +176,7 @@ static inline int row_tells(const uint64_t* row, int first, int last, int any) {
 static inline int plane_tells(const uint64_t* row, int64_t words, int rows, int first, int last,
                               int any) {
   const int one_word = first >> 6 == last >> 6;
-  const uint64_t m = mask(first >> 6, first, last);
+  const uint64_t m = word_mask(first >> 6, first, last);
   SOTER_CHECK(rows >= 1 && first <= last);
   for (int r = 0; r < rows; r++, row += words) {
     const uint64_t here = row[first >> 6] & m;
@@ -209,7 +202,7 @@ static int inside_grid(const soter_reach_group* g, const uint64_t* bits, const u
   }
   for (;;) {
     int a = n - 3;
-    if (plane_tells(bits + row_of(g, at) * g->words, g->words, rows, first, last, any)) {
+    if (plane_tells(bits + soter_reach_row(g, at), g->words, rows, first, last, any)) {
       return any;
     }
     while (a >= 0 && at[a] == box[2 * a + 1]) {
@@ -253,17 +246,18 @@ int soter_reach_inside(const soter_reach_group* g, const uint64_t* bits, const u
   return !any;
 }
 
-static int64_t rows_of(const soter_reach_group* g) {
+/* Words of a set. */
+int64_t soter_reach_words(const soter_reach_group* g) {
   int64_t rows = 1;
   for (int a = 0; a + 1 < g->axes; a++) {
     rows *= g->cells[a];
   }
-  return rows;
+  return rows * g->words;
 }
 
 /* Bytes (0 or not) of cells to bits. */
 void soter_reach_pack(const soter_reach_group* g, const uint8_t* cells, uint64_t* bits) {
-  const int64_t rows = rows_of(g);
+  const int64_t rows = soter_reach_words(g) / g->words;
   const int n = g->cells[g->axes - 1];
   SOTER_CHECK(n <= 64 * g->words);
   for (int64_t r = 0; r < rows; r++) {
@@ -281,7 +275,7 @@ void soter_reach_pack(const soter_reach_group* g, const uint8_t* cells, uint64_t
 }
 
 void soter_reach_unpack(const soter_reach_group* g, const uint64_t* bits, uint8_t* cells) {
-  const int64_t rows = rows_of(g);
+  const int64_t rows = soter_reach_words(g) / g->words;
   const int n = g->cells[g->axes - 1];
   SOTER_CHECK(n <= 64 * g->words);
   for (int64_t r = 0; r < rows; r++) {

@@ -1,5 +1,6 @@
 /* One hold of a command: from an enclosure of the state to the next one.
- * Purpose: the law's reading (delay, jitter, errors), the flow under it, tube and image.
+ * Purpose: the law's reading (delay, jitter, errors), the flow under it, tube and image. Which
+ * commands may act meanwhile is argued in docs/proof-sets.md, "Chains" and "Late commands".
  * Non-goals: grids; what is done with the images (soter_reach.c); maps (soter_reach_map.c); how
  * sums and products round (soter_reach_ball.h, which (1) to (4) refer to). */
 #include "soter_reach_ball.h"
@@ -59,8 +60,8 @@ static void earlier_commands(const soter_reach_group* g, const soter_reach_chain
 
 /* Where the state may have been, relative to now, when the command about to act was read. The
  * delay and the jitter are not below the true ones, so that one product is off, (1). */
-static int drift(const soter_reach_group* g, soter_scratch* s, const soter_reach_chain* x,
-                 double* low, double* high) {
+static int find_drift(const soter_reach_group* g, soter_scratch* s, const soter_reach_chain* x,
+                      double* low, double* high) {
   double ulo[COMMANDS], uhi[COMMANDS], flo[AXES], fhi[AXES];
   const double later = x->holds == 0 ? 0.0 : 2 * g->jitter;
   const double back = g->delay, ahead = soter_most(later, g->swept);
@@ -95,7 +96,7 @@ static int drift(const soter_reach_group* g, soter_scratch* s, const soter_reach
 ENOUGH(drifted, 1 + AXES, 8);
 ENOUGH(drifted_r, AXES + 3 + 2, 8);
 
-ALWAYS double with_drift(int n, const double* dlo, const double* dhi, line* u) {
+ALWAYS double add_drift(int n, const double* dlo, const double* dhi, line* u) {
   ball b = {u->c, u->r, fabs(u->c)};
   int drifts = 0;
   for (int j = 0; j < n; j++) {
@@ -120,8 +121,8 @@ ENOUGH(symbols_g, AXES, 16);
 ENOUGH(symbols_c, 1 + 2 * AXES, 16);
 ENOUGH(symbols_r, 1 + 2 * AXES + 3, 16);
 
-ALWAYS void in_symbols(int n, const soter_reach_chain* x, const double* from, const line* u,
-                       double size, double* c, double* g, double* r) {
+ALWAYS void into_symbols(int n, const soter_reach_chain* x, const double* from, const line* u,
+                         double size, double* c, double* g, double* r) {
   double w = u->r;
   *c = u->c;
   for (int j = 0; j < n; j++) {
@@ -144,7 +145,7 @@ ALWAYS int read_commands(int n, int m, const soter_reach_group* g, soter_scratch
                          const soter_reach_chain* x, acting* t, double* from) {
   memset(t->dlo, 0, sizeof t->dlo);
   memset(t->dhi, 0, sizeof t->dhi);
-  if ((g->delay > 0 || g->jitter > 0) && !drift(g, s, x, t->dlo, t->dhi)) {
+  if ((g->delay > 0 || g->jitter > 0) && !find_drift(g, s, x, t->dlo, t->dhi)) {
     return 0;
   }
   if (!read_law(n, m, g, s, x, t->dlo, t->dhi, t->u)) {
@@ -154,8 +155,8 @@ ALWAYS int read_commands(int n, int m, const soter_reach_group* g, soter_scratch
     from[i] = g->held_low != 0 ? x->m[i] : s->in[g->axis[i]].c;
   }
   for (int a = 0; a < m; a++) {
-    const double size = with_drift(n, t->dlo, t->dhi, &t->u[a]);
-    in_symbols(n, x, from, &t->u[a], size, &t->c[a], t->g[a], &t->r[a]);
+    const double size = add_drift(n, t->dlo, t->dhi, &t->u[a]);
+    into_symbols(n, x, from, &t->u[a], size, &t->c[a], t->g[a], &t->r[a]);
     t->lo[a] = t->u[a].lo;
     t->hi[a] = t->u[a].hi;
     if (x->holds > 0 && g->jitter > 0) { /* the last one may still act */
@@ -169,7 +170,7 @@ ALWAYS int read_commands(int n, int m, const soter_reach_group* g, soter_scratch
 }
 
 /* Axes whose rates have one sign, but for rounding. */
-static unsigned one_way(const soter_reach_group* g, const double* flo, const double* fhi) {
+static unsigned axes_one_way(const soter_reach_group* g, const double* flo, const double* fhi) {
   unsigned found = 0;
   for (int i = 0; i < g->axes; i++) {
     found |= flo[i] >= -g->dust[i] || fhi[i] <= g->dust[i] ? 1U << i : 0U;
@@ -180,8 +181,9 @@ static unsigned one_way(const soter_reach_group* g, const double* flo, const dou
 /* A model and a step of its own, for flows that are not linear. A command that is held in place of
  * the law may change at any time: its radius is noise. The box is one over a little more time than
  * the step takes: soter_reach_make_step adds 8 EPS period. */
-static int local_step(const soter_reach_group* g, soter_scratch* s, const soter_reach_chain* x,
-                      acting* t, soter_reach_model* model, soter_reach_step* step, unsigned* may) {
+static int make_local_step(const soter_reach_group* g, soter_scratch* s, const soter_reach_chain* x,
+                           acting* t, soter_reach_model* model, soter_reach_step* step,
+                           unsigned* may) {
   const double h = x->holds == 0 ? g->period - g->jitter : g->period;
   const double early = x->holds == 0 ? 0 : 2 * g->jitter;
   double flo[AXES], fhi[AXES];
@@ -190,7 +192,7 @@ static int local_step(const soter_reach_group* g, soter_scratch* s, const soter_
       !soter_reach_model_of(g, s, model)) {
     return 0;
   }
-  *may = one_way(g, flo, fhi);
+  *may = axes_one_way(g, flo, fhi);
   for (int a = 0; a < g->commands; a++) {
     const double radius = g->held_low != 0 ? t->u[a].r : 0;
     for (int i = 0; i < g->axes; i++) {
@@ -205,7 +207,7 @@ static int local_step(const soter_reach_group* g, soter_scratch* s, const soter_
  *
  * `to` is a sum of 1 + n + m terms. An entry of M is a sum of 1 + m terms, whose size TINY makes
  * larger than any product that underflows. noise goes through NOISE roundings: its first sum, n + m
- * more, that with the slack, and m in `handover`; a product is counted where its sum comes later.
+ * more, that with the slack, and m in `add_handover`; a product counts where its sum comes later.
  */
 ENOUGH(to, 1 + AXES + COMMANDS, 32);
 
@@ -237,12 +239,11 @@ ALWAYS void motion_of(int n, int m, const soter_reach_chain* x, const soter_reac
 /* What the last command is off from this one, while it may still act: [low, high].
  *
  * r: a sum of 2 + n, of which differences round once more, (2). The difference of the centres and
- * c - r, c + r round by u (2 |c| + r): 16 u of the centres and one rounding of r are there for it.
- */
+ * c - r, c + r round by u (2 |c| + r): 16 u of the centres and one rounding of r are for it. */
 ENOUGH(left_over, 1 + AXES + 1 + 2 + AXES + 2, 16);
 
-ALWAYS void difference(int n, const soter_reach_chain* x, const acting* t, int a, double* low,
-                       double* high) {
+ALWAYS void add_difference(int n, const soter_reach_chain* x, const acting* t, int a, double* low,
+                           double* high) {
   const double c = x->uc[a] - t->c[a];
   double r = x->ur[a] + t->r[a];
   for (int j = 0; j < n; j++) {
@@ -261,14 +262,14 @@ ALWAYS void difference(int n, const soter_reach_chain* x, const acting* t, int a
  * [lo, hi] are products, off by u (|mid| + rad); rad = max(hi - mid, mid - lo) is rounded by (1);
  * `to` grows by a sum. 16 u (|to| + |mid|) is added for the centre; u rad, for the products, is the
  * one rounding that `advance` leaves over. */
-static void handover(const soter_reach_group* g, const soter_reach_step* step,
-                     const soter_reach_chain* x, const acting* t, motion* to) {
+static void add_handover(const soter_reach_group* g, const soter_reach_step* step,
+                         const soter_reach_chain* x, const acting* t, motion* to) {
   if (x->holds == 0 || g->jitter <= 0) {
     return;
   }
   for (int a = 0; a < g->commands; a++) {
     double low, high;
-    difference(g->axes, x, t, a, &low, &high);
+    add_difference(g->axes, x, t, a, &low, &high);
     for (int i = 0; i < g->axes; i++) {
       const double p = step->move_lo[i][a] * low, q = step->move_lo[i][a] * high;
       const double v = step->move_hi[i][a] * low, w = step->move_hi[i][a] * high;
@@ -285,8 +286,8 @@ static void handover(const soter_reach_group* g, const soter_reach_step* step,
 /* Where each instant may answer another read: |e^(As)| |b| `anew` is integrated. For the rest,
  * c + gain (x - from) as of the beginning of the hold, the radius of gamma was taken with [lo, hi],
  * which it may be outside of by `anew`. */
-static void answers_anew(const soter_reach_group* g, const soter_reach_model* m,
-                         const soter_reach_step* step, const acting* t, motion* to) {
+static void find_new_answers(const soter_reach_group* g, const soter_reach_model* m,
+                             const soter_reach_step* step, const acting* t, motion* to) {
   for (int i = 0; i < g->axes && g->swept > 0; i++) {
     for (int j = 0; j < g->axes; j++) {
       double off = 0;
@@ -303,8 +304,9 @@ static void answers_anew(const soter_reach_group* g, const soter_reach_model* m,
 }
 
 /* Tube between two hulls, with x' in [flo, fhi] all the way. */
-ALWAYS void between(int n, double h, const soter_reach_chain* x, const double* lo, const double* hi,
-                    const double* flo, const double* fhi, soter_hold* out) {
+ALWAYS void enclose_between(int n, double h, const soter_reach_chain* x, const double* lo,
+                            const double* hi, const double* flo, const double* fhi,
+                            soter_hold* out) {
   for (int i = 0; i < n; i++) {
     const double up = soter_up(h * soter_most(fhi[i], 0.0)),
                  down = soter_up(h * soter_most(-flo[i], 0.0));
@@ -316,7 +318,7 @@ ALWAYS void between(int n, double h, const soter_reach_chain* x, const double* l
   }
 }
 
-static void remember(const soter_reach_group* g, soter_reach_chain* x, const acting* t) {
+static void remember_command(const soter_reach_group* g, soter_reach_chain* x, const acting* t) {
   memmove(x->past_lo[1], x->past_lo[0], sizeof x->past_lo - sizeof x->past_lo[0]);
   memmove(x->past_hi[1], x->past_hi[0], sizeof x->past_hi - sizeof x->past_hi[0]);
   for (int a = 0; a < g->commands; a++) {
@@ -330,9 +332,9 @@ static void remember(const soter_reach_group* g, soter_reach_chain* x, const act
 }
 
 /* The next command may come any time within 2 j from y: the image grows by that much. */
-ALWAYS int lingering(int n, int m, const soter_reach_group* g, soter_scratch* s,
-                     const soter_reach_model* model, const line* u, const soter_reach_chain* y,
-                     soter_hold* out) {
+ALWAYS int find_lingering(int n, int m, const soter_reach_group* g, soter_scratch* s,
+                          const soter_reach_model* model, const line* u, const soter_reach_chain* y,
+                          soter_hold* out) {
   const double late = 2 * g->jitter;
   double ulo[COMMANDS], uhi[COMMANDS], flo[AXES], fhi[AXES];
   for (int a = 0; a < m; a++) {
@@ -353,8 +355,8 @@ ALWAYS int lingering(int n, int m, const soter_reach_group* g, soter_scratch* s,
 }
 
 /* Cuts axis i of the hold where it rises, or falls, from x. */
-ALWAYS void cut(int i, unsigned rises, unsigned falls, const soter_reach_chain* x,
-                soter_reach_chain* y, soter_hold* out) {
+ALWAYS void cut_axis(int i, unsigned rises, unsigned falls, const soter_reach_chain* x,
+                     soter_reach_chain* y, soter_hold* out) {
   const double lo = rises >> i & 1U ? x->lo[i] : -HUGE_VAL;
   const double hi = falls >> i & 1U ? x->hi[i] : HUGE_VAL;
   y->lo[i] = soter_most(y->lo[i], lo);
@@ -368,10 +370,10 @@ ALWAYS void cut(int i, unsigned rises, unsigned falls, const soter_reach_chain* 
 /* Puts back the axes of x that did not move at all on the way to y, and the ends of those that went
  * one way only. `may`: axes that may do so, in a flow that is not linear. Of a linear one just
  * rates that are 0 but for rounding are looked at again: most holds end here. */
-ALWAYS void standing(int n, const soter_reach_group* g, soter_scratch* s,
-                     const soter_reach_chain* x, const double* flo, const double* fhi,
-                     const double* ulo, const double* uhi, unsigned may, soter_reach_chain* y,
-                     soter_hold* out) {
+ALWAYS void keep_standing(int n, const soter_reach_group* g, soter_scratch* s,
+                          const soter_reach_chain* x, const double* flo, const double* fhi,
+                          const double* ulo, const double* uhi, unsigned may, soter_reach_chain* y,
+                          soter_hold* out) {
   double lo[AXES], hi[AXES], rate[AXES];
   unsigned rises, falls;
   for (int i = 0; i < n; i++) {
@@ -388,7 +390,7 @@ ALWAYS void standing(int n, const soter_reach_group* g, soter_scratch* s,
     if (!(may >> i & 1U) || !(g->is_local || (rises & falls) >> i & 1U)) {
       continue;
     }
-    cut(i, rises, falls, x, y, out);
+    cut_axis(i, rises, falls, x, y, out);
     if ((rises & falls) >> i & 1U) {
       y->m[i] = x->m[i];
       y->box[i] = x->box[i];
@@ -400,12 +402,12 @@ ALWAYS void standing(int n, const soter_reach_group* g, soter_scratch* s,
 }
 
 /* Where x is at the end of the step: y. */
-ALWAYS int moved(int n, int m, const soter_reach_group* g, const soter_reach_step* step,
-                 const soter_reach_model* model, const soter_reach_chain* x, const acting* t,
-                 motion* to, soter_reach_chain* y) {
+ALWAYS int move_chain(int n, int m, const soter_reach_group* g, const soter_reach_step* step,
+                      const soter_reach_model* model, const soter_reach_chain* x, const acting* t,
+                      motion* to, soter_reach_chain* y) {
   motion_of(n, m, x, step, t->u, to);
-  handover(g, step, x, t, to);
-  answers_anew(g, model, step, t, to);
+  add_handover(g, step, x, t, to);
+  find_new_answers(g, model, step, t, to);
   soter_copy_state(y, x);
   for (int i = 0; i < n; i++) {
     y->lo[i] = -HUGE_VAL;
@@ -430,24 +432,24 @@ ALWAYS int hold_flow(int n, int m, const soter_reach_group* g, soter_scratch* s,
   const soter_reach_step* step = g->is_local ? &fresh : x->holds == 0 ? &g->first : &g->later;
   soter_reach_chain y;
   if (!read_commands(n, m, g, s, x, &t, to.from) ||
-      (g->is_local && !local_step(g, s, x, &t, &local, &fresh, &may)) ||
-      !moved(n, m, g, step, model, x, &t, &to, &y) ||
+      (g->is_local && !make_local_step(g, s, x, &t, &local, &fresh, &may)) ||
+      !move_chain(n, m, g, step, model, x, &t, &to, &y) ||
       !rates_around(n, m, model, &step->dev[0][0], x->lo, x->hi, t.lo, t.hi, flo, fhi)) {
     return 0;
   }
-  between(n, step->h, x, y.lo, y.hi, flo, fhi, out);
+  enclose_between(n, step->h, x, y.lo, y.hi, flo, fhi, out);
   memcpy(out->image_lo, y.lo, sizeof y.lo);
   memcpy(out->image_hi, y.hi, sizeof y.hi);
-  if (g->jitter > 0 && !lingering(n, m, g, s, model, t.u, &y, out)) {
+  if (g->jitter > 0 && !find_lingering(n, m, g, s, model, t.u, &y, out)) {
     return 0;
   }
-  standing(n, g, s, x, flo, fhi, t.lo, t.hi, may, &y, out);
+  keep_standing(n, g, s, x, flo, fhi, t.lo, t.hi, may, &y, out);
   soter_reach_to_ends(g, x->from_low, x->from_high, out->tube_lo, out->tube_hi);
   soter_reach_to_ends(g, x->from_low, x->from_high, out->image_lo, out->image_hi);
   soter_copy_state(x, &y);
   x->holds++;
   if (g->delay > 0 || g->jitter > 0) {
-    remember(g, x, &t);
+    remember_command(g, x, &t);
   }
   return 1;
 }

@@ -1,4 +1,6 @@
-/* Shared by the soter_reach_*.c only. */
+/* What the soter_reach_*.c share.
+ * Purpose: declare boxes, holds and sets of cells for them.
+ * Non-goals: what Python asks for (soter_reach.h). */
 #ifndef SOTER_REACH_INTERNAL_H
 #define SOTER_REACH_INTERNAL_H
 
@@ -24,6 +26,15 @@ typedef struct {
   soter_form out[SOTER_INPUTS];
   double command[COMMANDS]; /* of soter_reach_around */
 } soter_scratch;
+
+/* The first word of the row of a set that a cell lies in; `at` counts the axes but the last. */
+static inline int64_t soter_reach_row(const soter_reach_group* g, const int* at) {
+  int64_t row = 0;
+  for (int a = 0; a + 1 < g->axes; a++) {
+    row = row * g->cells[a] + at[a];
+  }
+  return row * g->words;
+}
 
 /* At least one unit in the last place outward: beyond what x was rounded from, see
  * soter_reach_ball.h (1). */

@@ -1,6 +1,7 @@
 /* What does not move: ends of the grid that the plant keeps, ends that are none, and states that
  * stand still, or go one way only.
  * Purpose: the two places where rounding outward would turn a closed cell into a larger one.
+ * docs/proof-sets.md argues the same in "Views, and open ends" and "Axes without ends".
  * Non-goals: finding the ends that are kept (verify/grid/group_model.py).
  *
  * Ends. g->kept_low[i] says that x_i' >= 0 wherever x_i lies in a strip below the lowest edge e,

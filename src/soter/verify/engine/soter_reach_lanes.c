@@ -19,7 +19,8 @@ typedef struct {
 } commands;
 
 /* Lanes beyond `count` repeat the last one. */
-ALWAYS void take(int n, int m, int count, const soter_reach_mover* from, chains* x, commands* u) {
+ALWAYS void take_chains(int n, int m, int count, const soter_reach_mover* from, chains* x,
+                        commands* u) {
   SOTER_CHECK(count >= 1 && count <= LANES);
   for (int l = 0; l < LANES; l++) {
     const soter_reach_mover* one = &from[l < count ? l : count - 1];
@@ -38,7 +39,8 @@ ALWAYS void take(int n, int m, int count, const soter_reach_mover* from, chains*
   }
 }
 
-ALWAYS void give(int n, int l, const chains* from, soter_reach_chain* x) {
+/* Writes what a lane holds back into its chain. */
+ALWAYS void give_chain(int n, int l, const chains* from, soter_reach_chain* x) {
   for (int i = 0; i < n; i++) {
     x->m[i] = from->m[i][l];
     x->box[i] = from->box[i][l];
@@ -53,8 +55,8 @@ ALWAYS void give(int n, int l, const chains* from, soter_reach_chain* x) {
 }
 
 /* Ranges of x' over boxes: `rates`. */
-ALWAYS void ranges(int n, int m, const soter_reach_model* model, const lanes* lo, const lanes* hi,
-                   const commands* u, lanes* flo, lanes* fhi) {
+ALWAYS void rate_ranges(int n, int m, const soter_reach_model* model, const lanes* lo,
+                        const lanes* hi, const commands* u, lanes* flo, lanes* fhi) {
   for (int i = 0; i < n; i++) {
     lanes low = all(model->c[i]), high = low, sum = size(low);
     for (int j = 0; j < n; j++) {
@@ -78,7 +80,8 @@ ALWAYS void ranges(int n, int m, const soter_reach_model* model, const lanes* lo
 
 /* Where all rates over x alone are above the dust: they are no larger than those over all of the
  * tube, so that no axis stands. */
-ALWAYS truths moving(int n, const soter_reach_group* g, const lanes* flo, const lanes* fhi) {
+ALWAYS truths lanes_that_move(int n, const soter_reach_group* g, const lanes* flo,
+                              const lanes* fhi) {
   truths found = ~(truths){0};
   for (int i = 0; i < n; i++) {
     SOTER_CHECK(!(g->dust[i] < 0));
@@ -92,7 +95,7 @@ typedef struct {
 } boxes;
 
 /* The tube from x, whose rates are [flo, fhi], to y: `rates_around`, of which it says where they
- * are numbers, and `between`. */
+ * are numbers, and `enclose_between`. */
 ALWAYS truths tube_of(int n, int m, const soter_reach_group* g, const chains* x, const chains* y,
                       const commands* u, const lanes* flo, const lanes* fhi, boxes* out) {
   const soter_reach_step* step = &g->first;
@@ -107,7 +110,7 @@ ALWAYS truths tube_of(int n, int m, const soter_reach_group* g, const chains* x,
     lo[i] = down(x->lo[i] - d);
     hi[i] = up(x->hi[i] + d);
   }
-  ranges(n, m, &g->model, lo, hi, u, least_rate, most_rate);
+  rate_ranges(n, m, &g->model, lo, hi, u, least_rate, most_rate);
   SOTER_CHECK(!(step->h < 0));
   for (int i = 0; i < n; i++) {
     const lanes rise = up(step->h * most(most_rate[i], all(0)));
@@ -121,8 +124,8 @@ ALWAYS truths tube_of(int n, int m, const soter_reach_group* g, const chains* x,
   return found;
 }
 
-/* As `with_drift` leaves a number where nothing drifts. */
-ALWAYS void number(commands* u, int a) {
+/* As `add_drift` leaves a number where nothing drifts. */
+ALWAYS void number_command(commands* u, int a) {
   const lanes r = 8 * EPS * size(u->asked[a]);
   u->c[a] = u->asked[a];
   u->r[a] = either(r == 0, all(0), r + TINY);
@@ -130,8 +133,8 @@ ALWAYS void number(commands* u, int a) {
 }
 
 /* Row i of the motion: `motion_of`. */
-ALWAYS void drive(int n, int m, const soter_reach_step* step, int i, const chains* x,
-                  const lanes* from, const commands* u, lanes* to, lanes* noise) {
+ALWAYS void motion_row(int n, int m, const soter_reach_step* step, int i, const chains* x,
+                       const lanes* from, const commands* u, lanes* to, lanes* noise) {
   lanes c = all(step->c[i]), r = all(step->w[i] + step->c_r[i]), sum = size(c);
   for (int j = 0; j < n; j++) {
     const lanes p = step->phi[i][j] * from[j];
@@ -151,8 +154,8 @@ ALWAYS void drive(int n, int m, const soter_reach_step* step, int i, const chain
 }
 
 /* Row i of what is there after the motion: `advance`. */
-ALWAYS void arrive(int n, const double* phi, int i, const chains* x, const lanes* from,
-                   const lanes* rows, lanes to, lanes noise, chains* y) {
+ALWAYS void advance_row(int n, const double* phi, int i, const chains* x, const lanes* from,
+                        const lanes* rows, lanes to, lanes noise, chains* y) {
   lanes s = to, slack = size(to), b = all(0);
   for (int j = 0; j < n; j++) {
     s += phi[j] * (x->m[j] - from[j]);
@@ -172,7 +175,7 @@ ALWAYS void arrive(int n, const double* phi, int i, const chains* x, const lanes
 }
 
 /* The ends of axis i: `hull`, of which it says where they are numbers, and soter_reach_keep. */
-ALWAYS truths ends(int n, const soter_reach_group* g, int i, chains* y) {
+ALWAYS truths hull_row(int n, const soter_reach_group* g, int i, chains* y) {
   const double low = g->edges[i][0], high = g->edges[i][g->cells[i]];
   lanes rad = y->box[i];
   truths found;
@@ -203,7 +206,7 @@ static int tells_tubes(int count, const soter_reach_mover* movers) {
 }
 
 /* The tube and image of a lane, where they are wanted. */
-ALWAYS void tell(int n, int l, const boxes* tubes, const soter_reach_mover* one) {
+ALWAYS void tell_tube(int n, int l, const boxes* tubes, const soter_reach_mover* one) {
   soter_hold* out = one->out;
   if (out == 0) {
     return;
@@ -217,19 +220,19 @@ ALWAYS void tell(int n, int l, const boxes* tubes, const soter_reach_mover* one)
   }
 }
 
-ALWAYS unsigned move(int n, int m, const soter_reach_group* g, int count,
-                     const soter_reach_mover* movers) {
+ALWAYS unsigned move_lanes(int n, int m, const soter_reach_group* g, int count,
+                           const soter_reach_mover* movers) {
   chains x, y;
   commands u;
   boxes tubes = {0};
   lanes from[AXES], rows[AXES], flo[AXES], fhi[AXES];
   truths found;
   unsigned moved = 0;
-  take(n, m, count, movers, &x, &u);
-  ranges(n, m, &g->model, x.lo, x.hi, &u, flo, fhi);
-  found = moving(n, g, flo, fhi);
+  take_chains(n, m, count, movers, &x, &u);
+  rate_ranges(n, m, &g->model, x.lo, x.hi, &u, flo, fhi);
+  found = lanes_that_move(n, g, flo, fhi);
   for (int a = 0; a < m; a++) {
-    number(&u, a);
+    number_command(&u, a);
   }
   for (int i = 0; i < n; i++) {
     from[i] = either(x.lo[i] == x.hi[i], x.lo[i], x.lo[i] / 2 + x.hi[i] / 2);
@@ -240,17 +243,17 @@ ALWAYS unsigned move(int n, int m, const soter_reach_group* g, int count,
   }
   for (int i = 0; i < n; i++) {
     lanes to, noise;
-    drive(n, m, &g->first, i, &x, from, &u, &to, &noise);
-    arrive(n, g->first.phi[i], i, &x, from, rows, to, noise, &y);
-    found &= ends(n, g, i, &y);
+    motion_row(n, m, &g->first, i, &x, from, &u, &to, &noise);
+    advance_row(n, g->first.phi[i], i, &x, from, rows, to, noise, &y);
+    found &= hull_row(n, g, i, &y);
   }
   if (tells_tubes(count, movers)) {
     found &= tube_of(n, m, g, &x, &y, &u, flo, fhi, &tubes);
   }
   for (int l = 0; l < count; l++) {
     if (found[l] != 0) {
-      give(n, l, &y, movers[l].x);
-      tell(n, l, &tubes, &movers[l]);
+      give_chain(n, l, &y, movers[l].x);
+      tell_tube(n, l, &tubes, &movers[l]);
       moved |= 1U << l;
     }
   }
@@ -264,10 +267,10 @@ ALWAYS unsigned move(int n, int m, const soter_reach_group* g, int count,
 unsigned soter_reach_move(const soter_reach_group* g, int count, const soter_reach_mover* movers) {
   SOTER_CHECK(!g->is_map && !g->is_local && g->delay <= 0 && g->jitter <= 0);
   if (g->commands == 1 && g->axes == 2) {
-    return move(2, 1, g, count, movers);
+    return move_lanes(2, 1, g, count, movers);
   }
   if (g->commands == 1 && g->axes == 3) {
-    return move(3, 1, g, count, movers);
+    return move_lanes(3, 1, g, count, movers);
   }
-  return move(g->axes, g->commands, g, count, movers);
+  return move_lanes(g->axes, g->commands, g, count, movers);
 }

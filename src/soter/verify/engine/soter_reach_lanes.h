@@ -1,5 +1,6 @@
-/* Vectors of doubles: the same of several boxes at once, a box a lane. Every operation on a lane is
- * that on a double, rounded once. */
+/* Vectors of doubles: a box a lane.
+ * Purpose: do the same with several boxes at once. Every operation on a lane is the one on a
+ * double, rounded once. Non-goals: a whole hold (soter_reach_lanes.c). */
 #ifndef SOTER_REACH_LANES_H
 #define SOTER_REACH_LANES_H
 

@@ -20,7 +20,7 @@ static range sum(range a, range b) {
   return r;
 }
 
-static range times(range a, range b) {
+static range product_of(range a, range b) {
   range r = {0, 0};
   SOTER_CHECK(!(a.lo > a.hi) && !(b.lo > b.hi));
   if ((a.lo != 0 || a.hi != 0) && (b.lo != 0 || b.hi != 0)) {
@@ -45,7 +45,7 @@ static range over(range a, double k) { /* k a positive integer */
   return r;
 }
 
-static double greatest(range a) {
+static double greatest_size(range a) {
   return fmax(fabs(a.lo), fabs(a.hi));
 }
 
@@ -55,7 +55,7 @@ static square product(int n, const square* a, const square* b) {
     for (int j = 0; j < n; j++) {
       range s = exactly(0);
       for (int k = 0; k < n; k++) {
-        const range t = times(a->e[i][k], b->e[k][j]);
+        const range t = product_of(a->e[i][k], b->e[k][j]);
         if (t.lo != 0 || t.hi != 0) {
           s = s.lo == 0 && s.hi == 0 ? t : sum(s, t);
         }
@@ -66,7 +66,7 @@ static square product(int n, const square* a, const square* b) {
   return r;
 }
 
-static void plus(int n, square* a, const square* b) {
+static void add_to(int n, square* a, const square* b) {
   for (int i = 0; i < n; i++) {
     for (int j = 0; j < n; j++) {
       const range t = b->e[i][j];
@@ -134,8 +134,8 @@ static int next_power(int n, const square* am, range f, range g, square* power, 
   *power = product(n, power, am);
   for (int i = 0; i < n; i++) {
     for (int j = 0; j < n; j++) {
-      power->e[i][j] = times(power->e[i][j], f);
-      part->e[i][j] = times(power->e[i][j], g);
+      power->e[i][j] = product_of(power->e[i][j], f);
+      part->e[i][j] = product_of(power->e[i][j], g);
       nothing = nothing && power->e[i][j].lo == 0 && power->e[i][j].hi == 0;
     }
   }
@@ -143,7 +143,8 @@ static int next_power(int n, const square* am, range f, range g, square* power, 
 }
 
 /* The same as below by the series, where |A| s <= theta <= 1/2. */
-static void series(int n, const square* am, range s, double theta, square* phi, square* integral) {
+static void sum_series(int n, const square* am, range s, double theta, square* phi,
+                       square* integral) {
   double rest;
   square power = unit(n), part;
   int nilpotent = 0;
@@ -158,8 +159,8 @@ static void series(int n, const square* am, range s, double theta, square* phi, 
     const range then = over(s, k + 1);
     nilpotent = next_power(n, am, by, then, &power, &part);
     by = then;
-    plus(n, phi, &power);
-    plus(n, integral, &part);
+    add_to(n, phi, &power);
+    add_to(n, integral, &part);
   }
   if (!nilpotent) {
     widen(n, phi, rest);
@@ -183,10 +184,10 @@ static int exponential(int n, const double* a, range h, square* phi, square* int
     s.hi /= 2;
     doublings++;
   }
-  series(n, &am, s, theta, phi, integral);
+  sum_series(n, &am, s, theta, phi, integral);
   for (; doublings > 0; doublings--) {
     square more = product(n, phi, integral);
-    plus(n, integral, &more);
+    add_to(n, integral, &more);
     *phi = product(n, phi, phi);
   }
   return 1;
@@ -197,7 +198,7 @@ static range row_times(int n, const square* m, int i, const double* v, int c) {
   range r = exactly(0);
   for (int k = 0; k < n; k++) {
     if (v[COMMANDS * k + c] != 0) {
-      r = sum(r, times(m->e[i][k], exactly(v[COMMANDS * k + c])));
+      r = sum(r, product_of(m->e[i][k], exactly(v[COMMANDS * k + c])));
     }
   }
   return r;
@@ -218,7 +219,7 @@ static void add_piece(int n, const square* at, double d, int is_first, int colum
   for (int i = 0; i < n; i++) {
     for (int c = 0; c < columns; c++) {
       const range r = row_times(n, at, i, v, c);
-      total[i][c] = soter_up(total[i][c] + soter_up(d * greatest(r)));
+      total[i][c] = soter_up(total[i][c] + soter_up(d * greatest_size(r)));
       if (is_first) {
         hull[i][c] = r;
       } else {
@@ -235,7 +236,7 @@ static void cut_totals(int n, const square* whole, double h, int columns, const 
   for (int i = 0; i < n; i++) {
     for (int c = 0; c < columns; c++) {
       if (one_sign(hull[i][c])) {
-        const double value = greatest(row_times(n, whole, i, v, c));
+        const double value = greatest_size(row_times(n, whole, i, v, c));
         total[i][c] = fmin(total[i][c], soter_up(value + 2e-290 * h));
       }
     }
@@ -310,9 +311,9 @@ static void dev_in_one(int n, double h, const square* over_all, const square* in
   for (int i = 0; i < n; i++) {
     for (int j = 0; j < n; j++) {
       const range r = over_all->e[i][j];
-      dev[i][j] = soter_up(h * greatest(r));
+      dev[i][j] = soter_up(h * greatest_size(r));
       if (one_sign(r)) {
-        dev[i][j] = fmin(dev[i][j], soter_up(greatest(integral->e[i][j]) + 2e-290 * h));
+        dev[i][j] = fmin(dev[i][j], soter_up(greatest_size(integral->e[i][j]) + 2e-290 * h));
       }
     }
   }
@@ -390,7 +391,7 @@ int soter_reach_make_step(const soter_reach_group* g, const soter_reach_model* m
     double w = 0;
     for (int j = 0; j < n; j++) {
       soter_centre(phi.e[i][j].lo, phi.e[i][j].hi, &out->phi[i][j], &out->phi_r[i][j]);
-      c = sum(c, times(integral.e[i][j], exactly(m->c[j])));
+      c = sum(c, product_of(integral.e[i][j], exactly(m->c[j])));
       w = soter_up(w + soter_up(out->dev[i][j] * m->w[j]));
     }
     for (int a = 0; a < g->commands; a++) {
@@ -472,7 +473,7 @@ int soter_reach_model_of(const soter_reach_group* g, soter_scratch* s, soter_rea
 }
 
 /* Whether control k may move the group, whose rates over everything stand in s->out. */
-static int moves(const soter_reach_group* g, const soter_scratch* s, int k) {
+static int command_moves(const soter_reach_group* g, const soter_scratch* s, int k) {
   int found = g->is_local || g->is_map;
   for (int i = 0; i < g->axes; i++) {
     found = found || s->out[g->axis[i]].g[g->states + k] != 0;
@@ -491,7 +492,7 @@ int soter_reach_linearize(soter_reach_group* g, const double* low, const double*
     return 0;
   }
   for (int k = 0; k < g->controls; k++) {
-    if (moves(g, &s, k)) {
+    if (command_moves(g, &s, k)) {
       if (g->commands == COMMANDS) {
         return 0;
       }
@@ -525,7 +526,7 @@ static void drive_of(const soter_reach_group* g, range drive[AXES], double rad[C
   for (int i = 0; i < g->axes; i++) {
     drive[i] = exactly(m->c[i]);
     for (int a = 0; a < g->commands; a++) {
-      drive[i] = sum(drive[i], times(exactly(m->b[i][a]), exactly(mid[a])));
+      drive[i] = sum(drive[i], product_of(exactly(m->b[i][a]), exactly(mid[a])));
     }
   }
 }
@@ -555,7 +556,7 @@ static int segment_of(const soter_reach_group* g, range begin, range end, const 
     for (int j = 0; j < n; j++) {
       s->phi_lo[i][j] = at.e[i][j].lo;
       s->phi_hi[i][j] = at.e[i][j].hi;
-      c = sum(c, times(integral.e[i][j], drive[j]));
+      c = sum(c, product_of(integral.e[i][j], drive[j]));
     }
     for (int a = 0; a < g->commands; a++) {
       w = soter_up(w + soter_up(total[i][a] * rad[a]));
@@ -568,8 +569,7 @@ static int segment_of(const soter_reach_group* g, range begin, range end, const 
 }
 
 /* All runs over [0, t] under U, from the model: the middle of U moves the centre, its radius is
- * noise, for u may change at any time. Noise only grows: that of the segment's end serves it all.
- */
+ * noise, for u may change at any time. Noise only grows: that of the segment's end serves all. */
 int soter_reach_tube_prepare(const soter_reach_group* g, double t, int32_t segments,
                              soter_reach_tube* out) {
   double rad[COMMANDS];

@@ -30,9 +30,8 @@ ALWAYS int map_step(int n, const soter_reach_group* g, soter_scratch* s, soter_r
   return advance(n, y, &t);
 }
 
-/* The commands that act in the first step. The symbols of the law's form are those of the inputs.
- */
-ALWAYS void first_commands(int m, const soter_reach_group* g, soter_scratch* s, const line* u) {
+/* The commands that act in the first step. The law's form has the inputs' symbols. */
+ALWAYS void set_first_commands(int m, const soter_reach_group* g, soter_scratch* s, const line* u) {
   for (int a = 0; a < m; a++) {
     const int k = g->states + g->command[a];
     if (g->held_low != 0) {
@@ -44,8 +43,8 @@ ALWAYS void first_commands(int m, const soter_reach_group* g, soter_scratch* s, 
 }
 
 /* The steps after the first: the law read the first state, not these. */
-ALWAYS int later_steps(int n, int m, const soter_reach_group* g, soter_scratch* s, const line* u,
-                       soter_reach_chain* y, soter_hold* out) {
+ALWAYS int make_later_steps(int n, int m, const soter_reach_group* g, soter_scratch* s,
+                            const line* u, soter_reach_chain* y, soter_hold* out) {
   for (int a = 0; a < m && g->hold_steps > 1; a++) {
     const int c = g->states + g->command[a];
     soter_set(&s->in[c], c, u[a].lo, u[a].hi);
@@ -79,8 +78,8 @@ ALWAYS int hold_map(int n, int m, const soter_reach_group* g, soter_scratch* s,
   if (!read_law(n, m, g, s, x, none, none, u)) {
     return 0;
   }
-  first_commands(m, g, s, u);
-  if (!map_step(n, g, s, &y) || !later_steps(n, m, g, s, u, &y, out)) {
+  set_first_commands(m, g, s, u);
+  if (!map_step(n, g, s, &y) || !make_later_steps(n, m, g, s, u, &y, out)) {
     return 0;
   }
   soter_copy_state(x, &y);

@@ -29,18 +29,20 @@ static int rates_over(const soter_reach_group* g, soter_scratch* s, const double
 }
 
 /* How far an axis gets within [from, to] at rates in [flo, fhi]: one product each, (1). */
-static void excursion(double from, double to, double flo, double fhi, double* down, double* up) {
+static void find_excursion(double from, double to, double flo, double fhi, double* down,
+                           double* up) {
   *down = soter_up(soter_most(soter_most(0.0, -to * flo), -from * fhi));
   *up = soter_up(soter_most(soter_most(0.0, to * fhi), from * flo));
 }
 
 /* 1: the box holds what comes of [lo, hi] at these rates. Else it grows, by a little more. */
-static int holds(const soter_reach_group* g, const double* lo, const double* hi, double from,
-                 double to, const double* flo, const double* fhi, double* blo, double* bhi) {
+static int grow_box_to_hold(const soter_reach_group* g, const double* lo, const double* hi,
+                            double from, double to, const double* flo, const double* fhi,
+                            double* blo, double* bhi) {
   int inside = 1;
   for (int i = 0; i < g->axes; i++) {
     double down, up, low, high;
-    excursion(from, to, flo[i], fhi[i], &down, &up);
+    find_excursion(from, to, flo[i], fhi[i], &down, &up);
     low = soter_down(lo[i] - down);
     high = soter_up(hi[i] + up);
     if (from >= 0 && g->kept_low[i] == SOTER_REACH_KEPT) {
@@ -81,7 +83,7 @@ int soter_reach_picard(const soter_reach_group* g, soter_scratch* s, const doubl
     if (!rates_over(g, s, blo, bhi, flo, fhi)) {
       return 0;
     }
-    if (holds(g, lo, hi, from, to, flo, fhi, blo, bhi) && round > 0) {
+    if (grow_box_to_hold(g, lo, hi, from, to, flo, fhi, blo, bhi) && round > 0) {
       return 1;
     }
   }

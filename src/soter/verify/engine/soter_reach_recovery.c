@@ -1,5 +1,6 @@
 /* From K to Q under the law: ranks, numbers of holds, longest time.
- * Purpose: W_(k+1) = W_k and {c in K: for some N the tube lies in C, the image in W_k}.
+ * Purpose: W_(k+1) = W_k and {c in K: for some N the tube lies in C, the image in W_k}. That
+ * control comes back is argued in docs/proof-sets.md, "P2b: control comes back".
  * Non-goals: what Q is. */
 #include "soter_reach_internal.h"
 #include "soter_reach_thread_pool.h"
@@ -13,8 +14,8 @@ typedef struct {
 } way_job;
 
 /* Holds until `until` are done; 0: the tube leaves C. */
-static int hold_on(way_job* job, int who, int* held, int until, soter_reach_chain* x,
-                   soter_hold* h) {
+static int hold_until(way_job* job, int who, int* held, int until, soter_reach_chain* x,
+                      soter_hold* h) {
   const soter_reach_group* g = job->g;
   uint16_t tube[2 * AXES];
   SOTER_CHECK(*held < until);
@@ -30,7 +31,7 @@ static int hold_on(way_job* job, int who, int* held, int until, soter_reach_chai
 }
 
 /* Images of a cell that lie in K, as long as the tube lies in C. */
-static void images(way_job* job, int who, const int* at, uint16_t* image, uint16_t* reaches) {
+static void find_images(way_job* job, int who, const int* at, uint16_t* image, uint16_t* reaches) {
   const soter_reach_group* g = job->g;
   const soter_reach_way* w = job->w;
   soter_reach_chain x;
@@ -42,7 +43,7 @@ static void images(way_job* job, int who, const int* at, uint16_t* image, uint16
   }
   soter_reach_start_at(g, at, at, &x);
   for (int k = 0; k < w->count; k++) {
-    if (!hold_on(job, who, &held, w->holds[k], &x, &h)) {
+    if (!hold_until(job, who, &held, w->holds[k], &x, &h)) {
       return;
     }
     uint16_t box[2 * AXES];
@@ -57,7 +58,8 @@ static void images(way_job* job, int who, const int* at, uint16_t* image, uint16
   }
 }
 
-static int64_t longest(const way_job* job, const uint16_t* image) {
+/* The longest time from the cells of an image. */
+static int64_t longest_time_from(const way_job* job, const uint16_t* image) {
   const soter_reach_group* g = job->g;
   int first[AXES] = {0, 0, 0, 0}, last[AXES] = {0, 0, 0, 0}, at[AXES], in[AXES];
   int64_t most = 0;
@@ -79,19 +81,19 @@ static int64_t longest(const way_job* job, const uint16_t* image) {
 
 /* The least of the longest times from a cell, over the numbers of holds whose image lies in W; the
  * number is `taken`. INT64_MAX: there is none. */
-static int64_t soonest(way_job* job, int who, int64_t cell, const int* at, int fresh,
-                       uint16_t* reaches) {
+static int64_t soonest_time_from(way_job* job, int who, int64_t cell, const int* at, int fresh,
+                                 uint16_t* reaches) {
   const soter_reach_group* g = job->g;
   soter_reach_way* w = job->w;
   uint16_t* image = w->image + (int64_t)2 * g->axes * w->count * w->slot[cell];
   int64_t best = INT64_MAX;
   if (fresh) {
-    images(job, who, at, image, reaches);
+    find_images(job, who, at, image, reaches);
   }
   for (int k = 0; k < w->count; k++) {
     const uint16_t* to = image + 2 * g->axes * k;
     if (to[0] <= to[1] && soter_reach_inside(g, w->r.kept, to, 0)) {
-      const int64_t t = longest(job, to) + w->holds[k] * w->period_ns + w->jitter_ns;
+      const int64_t t = longest_time_from(job, to) + w->holds[k] * w->period_ns + w->jitter_ns;
       if (t < best) {
         best = t;
         w->taken[cell] = (uint8_t)w->holds[k];
@@ -102,7 +104,8 @@ static int64_t soonest(way_job* job, int who, int64_t cell, const int* at, int f
   return best;
 }
 
-static void look(soter_crew* crew, int who, int64_t n) {
+/* Looks at a tile: cells from which some number of holds leads into W join it. */
+static void look_at_tile(soter_crew* crew, int who, int64_t n) {
   way_job* job = crew->job;
   const soter_reach_group* g = job->g;
   soter_reach_way* w = job->w;
@@ -119,10 +122,9 @@ static void look(soter_crew* crew, int who, int64_t n) {
   do {
     const int64_t cell = soter_reach_cell(g, at);
     if (w->rank[cell] == 0 && w->slot[cell] >= 0 && (w->r.changed[tile] >> bit & 1U) == 0) {
-      const int64_t best = soonest(job, who, cell, at, fresh, reaches);
+      const int64_t best = soonest_time_from(job, who, cell, at, fresh, reaches);
       if (best < INT64_MAX && w->base + w->r.rounds < UINT16_MAX - 2) {
-        /* `rank` stays 0 for the others of this round: they read `kept`, and times of cells there
-         */
+        /* `rank` stays 0 for the others of this round: they read `kept`, and times there */
         joined[bit] = best;
         w->r.changed[tile] |= UINT64_C(1) << bit;
       }
@@ -155,7 +157,7 @@ int soter_reach_way_continue(const soter_reach_group* g, soter_reach_way* w, dou
   int done;
   soter_reach_inputs(g, &job.scratch[0]);
   soter_reach_inputs(g, &job.scratch[1]);
-  (void)soter_crew_begin(&crew, look, &job, seconds, threads);
+  (void)soter_crew_begin(&crew, look_at_tile, &job, seconds, threads);
   done = soter_reach_rounds_run(g, &w->r, 1, &crew);
   soter_crew_end(&crew);
   return done;

@@ -1,4 +1,6 @@
-/* Two threads share the tasks of a round. */
+/* Two threads share the tasks of a round.
+ * Purpose: call the task function once for each number, on two threads where there are many tasks.
+ * Non-goals: what a task does; its result never depends on who does it. */
 #define _POSIX_C_SOURCE 200809L
 
 #include "soter_reach_thread_pool.h"
@@ -15,7 +17,7 @@ double soter_reach_clock(void) {
   return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-static void work(soter_crew* crew, int who) {
+static void do_tasks(soter_crew* crew, int who) {
   for (;;) {
     const int64_t k = __atomic_fetch_add(&crew->next, CHUNK, __ATOMIC_SEQ_CST);
     const int64_t end = __atomic_load_n(&crew->end, __ATOMIC_SEQ_CST);
@@ -39,7 +41,7 @@ static void work(soter_crew* crew, int who) {
   }
 }
 
-static void* helper(void* argument) {
+static void* run_helper(void* argument) {
   soter_crew* crew = argument;
   int seen = 0;
   for (;;) {
@@ -55,7 +57,7 @@ static void* helper(void* argument) {
     if (crew->quit) {
       return 0;
     }
-    work(crew, 1);
+    do_tasks(crew, 1);
     (void)pthread_mutex_lock(&crew->lock);
     SOTER_CHECK(crew->busy == 1 && crew->round == seen); /* nobody begins before this one ended */
     __atomic_store_n(&crew->busy, 0, __ATOMIC_RELEASE);
@@ -76,14 +78,14 @@ int soter_crew_begin(soter_crew* crew, void (*task)(soter_crew*, int, int64_t), 
     (void)pthread_mutex_init(&crew->lock, 0);
     (void)pthread_cond_init(&crew->wake, 0);
     (void)pthread_cond_init(&crew->done, 0);
-    if (pthread_create(&crew->thread, 0, helper, crew) != 0) {
+    if (pthread_create(&crew->thread, 0, run_helper, crew) != 0) {
       crew->threads = 1;
     }
   }
   return crew->threads;
 }
 
-static void start(soter_crew* crew) {
+static void start_round(soter_crew* crew) {
   (void)pthread_mutex_lock(&crew->lock);
   SOTER_CHECK(crew->threads > 1 && crew->busy == 0);
   crew->busy = 1;
@@ -107,8 +109,8 @@ int64_t soter_crew_run(soter_crew* crew, int64_t begin, int64_t end) {
   }
   crew->next = begin;
   crew->end = end;
-  start(crew);
-  work(crew, 0);
+  start_round(crew);
+  do_tasks(crew, 0);
   for (int spin = 0; spin < SPINS && __atomic_load_n(&crew->busy, __ATOMIC_ACQUIRE); spin++) {
   }
   (void)pthread_mutex_lock(&crew->lock);
@@ -123,7 +125,7 @@ int64_t soter_crew_run(soter_crew* crew, int64_t begin, int64_t end) {
 void soter_crew_end(soter_crew* crew) {
   if (crew->threads > 1) {
     crew->quit = 1;
-    start(crew);
+    start_round(crew);
     (void)pthread_join(crew->thread, 0);
     (void)pthread_cond_destroy(&crew->wake);
     (void)pthread_cond_destroy(&crew->done);

@@ -1,5 +1,7 @@
-/* A few threads over a list of tasks, for one call. Which thread takes which task never matters:
- * tasks read what the last round left and write their own cells only. */
+/* A few threads over a list of tasks, for one call.
+ * Purpose: declare the threads. Which of them takes which task never matters: tasks read what the
+ * last round left and write their own cells only.
+ * Non-goals: threads that outlive a call. */
 #ifndef SOTER_REACH_THREAD_POOL_H
 #define SOTER_REACH_THREAD_POOL_H
 

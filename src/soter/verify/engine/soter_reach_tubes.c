@@ -30,8 +30,8 @@ static void edges_of(const soter_reach_group* g, const int* first, const int* la
 }
 
 /* The same where cells at ends that have no outer end go on. */
-static void whole_of(const soter_reach_group* g, const int* first, const int* last, double* lo,
-                     double* hi) {
+static void range_of_states(const soter_reach_group* g, const int* first, const int* last,
+                            double* lo, double* hi) {
   unsigned low, high;
   edges_of(g, first, last, lo, hi);
   low = soter_reach_at_low(g, lo);
@@ -42,7 +42,8 @@ static void whole_of(const soter_reach_group* g, const int* first, const int* la
   }
 }
 
-static void fill(cell_job* job, const int* first, const int* last, uint8_t value) {
+/* Writes a value for every cell of a box. */
+static void fill_cells(cell_job* job, const int* first, const int* last, uint8_t value) {
   const soter_reach_group* g = job->g;
   int at[AXES], a = 0;
   memcpy(at, first, sizeof at);
@@ -66,7 +67,7 @@ enum { FEW = 16 };
 
 /* The test on a box; where it does not decide, on its halves. A predicate of several groups is
  * often undecided on every cell, so that few cells are not worth halving. */
-static void divide(cell_job* job, int who, box_test test, const int* first, const int* last) {
+static void test_halves(cell_job* job, int who, box_test test, const int* first, const int* last) {
   int widest = 0, size = 1, mid_last[AXES], mid_first[AXES];
   const int value = test(job, who, first, last);
   SOTER_CHECK(value >= 0 && (job->test == 0 || (value & 3) != 0)); /* true or false at least */
@@ -74,7 +75,7 @@ static void divide(cell_job* job, int who, box_test test, const int* first, cons
     widest = last[a] - first[a] > last[widest] - first[widest] ? a : widest;
   }
   if ((value & 8) == 0 || last[widest] == first[widest]) {
-    fill(job, first, last, (uint8_t)(value & 7));
+    fill_cells(job, first, last, (uint8_t)(value & 7));
     return;
   }
   for (int a = 0; a < job->g->axes; a++) {
@@ -84,13 +85,13 @@ static void divide(cell_job* job, int who, box_test test, const int* first, cons
     int at[AXES];
     memcpy(at, first, sizeof at);
     do {
-      fill(job, at, at, (uint8_t)(test(job, who, at, at) & 7));
+      fill_cells(job, at, at, (uint8_t)(test(job, who, at, at) & 7));
     } while (soter_reach_next_cell(job->g->axes, first, last, at));
     return;
   }
   soter_reach_halves(job->g, first, last, mid_last, mid_first);
-  divide(job, who, test, first, mid_last);
-  divide(job, who, test, mid_first, last);
+  test_halves(job, who, test, first, mid_last);
+  test_halves(job, who, test, mid_first, last);
 }
 
 /* Every instant of every run from the box lies in the target (linear flows). What leaves it has
@@ -182,7 +183,7 @@ static int truth_box(cell_job* job, int who, const int* first, const int* last) 
   soter_scratch* s = &job->scratch[who];
   soter_truth answer[1] = {3};
   double lo[AXES], hi[AXES];
-  whole_of(g, first, last, lo, hi);
+  range_of_states(g, first, last, lo, hi);
   SOTER_CHECK(0 <= who && who < SOTER_REACH_THREADS);
   for (int a = 0; a < g->axes; a++) {
     soter_range(&s->in[g->axis[a]], g->axis[a], lo[a], hi[a]);
@@ -195,11 +196,11 @@ static int truth_box(cell_job* job, int who, const int* first, const int* last) 
 }
 
 /* A tile by what is told of all of it, or of each cell; 0: neither. */
-static int told(cell_job* job, int who, const int* first, const int* last) {
+static int tell_whole_tile(cell_job* job, int who, const int* first, const int* last) {
   const int value = safe_box(job, who, first, last);
   SOTER_CHECK(job->by_cells && job->tube != 0);
   if ((value & 8) == 0) {
-    fill(job, first, last, (uint8_t)value);
+    fill_cells(job, first, last, (uint8_t)value);
     return 1;
   }
   return soter_reach_cells_stay(job->g, job->tube, job->target, job->known, first, last, job->out);
@@ -209,13 +210,13 @@ static void safe_tile(soter_crew* crew, int who, int64_t tile) {
   cell_job* job = crew->job;
   int first[AXES] = {0, 0, 0, 0}, last[AXES] = {0, 0, 0, 0};
   (void)soter_reach_tile(job->g, tile, first, last);
-  if (job->by_cells && told(job, who, first, last)) {
+  if (job->by_cells && tell_whole_tile(job, who, first, last)) {
     return;
   }
-  divide(job, who, job->test != 0 ? truth_box : safe_box, first, last);
+  test_halves(job, who, job->test != 0 ? truth_box : safe_box, first, last);
 }
 
-static int64_t over_tiles(cell_job* job, int64_t first_tile, double seconds, int32_t threads) {
+static int64_t run_over_tiles(cell_job* job, int64_t first_tile, double seconds, int32_t threads) {
   soter_crew crew;
   int64_t tiles = 1, done;
   for (int a = 0; a < job->g->axes; a++) {
@@ -239,7 +240,7 @@ int64_t soter_reach_safe(const soter_reach_group* g, const soter_reach_tube* tub
   job.by_cells = tube != 0 && soter_reach_cells_may_stay(g);
   soter_reach_inputs(g, &job.scratch[0]);
   soter_reach_inputs(g, &job.scratch[1]);
-  return over_tiles(&job, first_tile, seconds, threads);
+  return run_over_tiles(&job, first_tile, seconds, threads);
 }
 
 /* out[cell]: truth (bit 0 may be false, bit 1 may be true, bit 2 may fault) of a predicate over the
@@ -254,7 +255,7 @@ int64_t soter_reach_truth(const soter_reach_group* g, const double* low, const d
       soter_set(&job.scratch[t].in[i], i, low[i], high[i]);
     }
   }
-  return over_tiles(&job, first_tile, seconds, threads);
+  return run_over_tiles(&job, first_tile, seconds, threads);
 }
 
 /* Images and tubes of `holds` holds from a box, for tests and refutation: [hold][axis][lo, hi].

@@ -24,22 +24,22 @@ static void search(soter_search* s) {
 #define BIRTHS 65536U /* that are looked at; with more it is not known */
 
 bool soter_explore_starts_broken(const soter_model* m, soter_explore_progress* progress) {
-  soter_place x;
-  bool broken = !soter_place_open(&x, m, NULL, progress, NULL);
+  soter_workspace space;
+  bool broken = !soter_workspace_open(&space, m, NULL, progress, NULL);
   if (!broken) {
     uint32_t births = 0U;
-    x.given = 0U;
+    space.given = 0U;
     do {
-      soter_be_born(&x);
+      soter_make_start(&space);
       broken = broken || ++births > BIRTHS;
-      for (uint32_t i = 0; i < x.p->properties; i++) {
-        const soter_property_info* const q = &x.p->property[i];
-        broken = broken || (q->when == SOTER_AT_INSTANT && q->violated(x.there));
+      for (uint32_t i = 0; i < space.p->properties; i++) {
+        const soter_property_info* const q = &space.p->property[i];
+        broken = broken || (q->when == SOTER_AT_INSTANT && q->violated(space.there));
       }
-    } while (!broken && soter_next_picks(&x));
-    broken = broken || x.cut || x.too_many;
+    } while (!broken && soter_next_picks(&space));
+    broken = broken || space.cut || space.too_many;
   }
-  soter_place_close(&x);
+  soter_workspace_close(&space);
   return broken;
 }
 

@@ -1,8 +1,9 @@
 /* soter_explore.h: the explorer, one more driver over the state struct (docs/testing.md).
  *
- * A *configuration* is the program's state followed by the schedule: the time, how many releases
- * every actor has made, the deadlines of properties. Generated code packs a configuration into a
- * few words, which is what is stored; everything else works on whole configurations.
+ * Purpose: declare what Python and generated code exchange with the explorer. A *configuration* is
+ * the program's state followed by the schedule: the time, how many releases every actor has made,
+ * the deadlines of properties. Generated code packs a configuration into a few words, which are
+ * stored. Non-goals: what only the explorer's own files share (soter_explore_internal.h).
  */
 #ifndef SOTER_EXPLORE_H
 #define SOTER_EXPLORE_H
@@ -15,8 +16,6 @@
 #define SOTER_THREADS 16U  /* of breadth-first search, at most */
 #define SOTER_INPUT \
   0x80000000U /* in `component` of an actor: input number (component & ~SOTER_INPUT) */
-
-/* ------------------------------------------------------------------ what is explored */
 
 typedef struct {
   uint32_t component; /* or SOTER_INPUT | number of the input */
@@ -146,8 +145,6 @@ SOTER_INLINE int64_t soter_time_of(const soter_model* m, const uint64_t* packed)
   return ((int64_t)(packed[0] >> 1 & m->now_mask) - 1) * m->tick_ns;
 }
 
-/* ------------------------------------------------------------------ how */
-
 typedef enum { SOTER_BFS = 0, SOTER_RANDOM = 1, SOTER_FALSIFY = 2 } soter_strategy;
 
 typedef enum { SOTER_EXACT = 0, SOTER_FINGERPRINT = 1 } soter_storage;
@@ -263,8 +260,7 @@ void soter_explore(const soter_model* m, const soter_explore_options* o,
                    soter_explore_result* result, soter_trace_step* trace, uint32_t room);
 
 /* The least trace to a violation of `broken`: fewest steps, then fewest changes of actor, then
- * fewest non-default choices; by exhaustive search without reduction. SOTER_VIOLATED, or why not.
- */
+ * fewest non-default choices; by a search without reduction. SOTER_VIOLATED, or why not. */
 void soter_explore_least(const soter_model* m, const soter_explore_options* o, soter_broken broken,
                          soter_explore_progress* progress, soter_explore_result* result,
                          soter_trace_step* trace, uint32_t room);
@@ -309,8 +305,7 @@ typedef struct {
  * many steps it has, those before `begin` among them. */
 uint32_t soter_explore_guided(const soter_model* m, const soter_guide* g, bool* violates);
 
-/* One of several parts of a system that share nothing: who moves in it, and what was noted of it.
- */
+/* One of several parts of a system that share nothing: who moves in it, what was noted of it. */
 typedef struct {
   uint64_t actors;
   const void* kept;

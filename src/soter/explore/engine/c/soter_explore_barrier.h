@@ -30,8 +30,7 @@ void soter_barrier_begin(soter_barrier* b, uint32_t threads);
 void soter_barrier_enter(soter_barrier* b);
 
 /* Waits until all have come; the last one calls `last`, if it is not NULL, before anybody goes on.
- * What a thread wrote before, all others see afterwards. `patience` is the thread's own, 0 first.
- */
+ * What a thread wrote before, others see afterwards. `patience` is the thread's own, 0 first. */
 void soter_barrier_wait(soter_barrier* b, soter_patience* patience, void (*last)(void* to),
                         void* to);
 

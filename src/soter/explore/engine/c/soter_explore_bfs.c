@@ -7,7 +7,8 @@
  * differ: there is a table of the layer that is expanded, which is the frontier, and one of the
  * next. Where something is violated, the same search is made again with a link from every
  * configuration to the one it came from, until that violation: memory is not spent on links unless
- * they are needed.
+ * they are needed. That one layer is enough is argued in docs/testing.md, "Layers".
+ * Non-goals: a configuration's successors (soter_explore_expand.c, soter_explore_instant.c).
  */
 #define _POSIX_C_SOURCE 200809L
 #include "soter_explore_bfs.h"
@@ -20,9 +21,7 @@
 #define RECEIVED 64U    /* that others found are looked for at once, */
 #define SHORT 1024U     /* or so many of a word */
 
-/* ------------------------------------------------------------------ room */
-
-static bool more_keys(worker* w, uint32_t count) {
+static bool make_room_for_keys(worker* w, uint32_t count) {
   if (count > w->keys) {
     uint64_t* const key = realloc(w->key, (size_t)count * 2U * w->all->words * sizeof *key);
     if (key == NULL) {
@@ -35,7 +34,7 @@ static bool more_keys(worker* w, uint32_t count) {
   return true;
 }
 
-static uint64_t frontier_of(const worker* w) {
+static uint64_t bytes_of_frontier(const worker* w) {
   uint64_t bytes = soter_row_bytes(&w->here) + soter_row_bytes(&w->next) +
                    soter_row_bytes(&w->links) + soter_store_bytes(&w->noted) +
                    soter_store_bytes(&w->before) + soter_store_bytes(&w->anchor) +
@@ -45,8 +44,6 @@ static uint64_t frontier_of(const worker* w) {
   }
   return bytes;
 }
-
-/* ------------------------------------------------------------------ one configuration */
 
 static void break_off(worker* w, const soter_broken* broken, uint64_t culprit) {
   if (!w->broke) {
@@ -58,7 +55,7 @@ static void break_off(worker* w, const soter_broken* broken, uint64_t culprit) {
 }
 
 /* Keeps what is noted of an end; whether there is something about it that was sought. */
-static bool note(worker* w, const uint64_t* packed) {
+static bool note_end(worker* w, const uint64_t* packed) {
   const soter_explore_options* const o = w->all->s->o;
   uint64_t seen[SOTER_WORDS];
   uint64_t sleep = 0U;
@@ -76,17 +73,17 @@ static bool note(worker* w, const uint64_t* packed) {
 }
 
 /* Whether a new configuration ends an execution: it is judged. */
-static bool ends(worker* w, const uint64_t* packed) {
+static bool ends_execution(worker* w, const uint64_t* packed) {
   const soter_explore_options* const o = w->all->s->o;
   soter_broken broken;
   if (soter_is_broken(&w->expander, packed, &broken)) {
-    if (!soter_is_known(&w->expander.place, &broken)) {
+    if (!soter_is_known(&w->expander.space, &broken)) {
       break_off(w, &broken, SOTER_NO_DEADLINE);
     }
     return true;
   }
   SOTER_CHECK(w->all->words > 0U);
-  if (o->noted != NULL && note(w, packed)) {
+  if (o->noted != NULL && note_end(w, packed)) {
     break_off(w, &o->sought, SOTER_NO_DEADLINE);
     return true;
   }
@@ -94,10 +91,10 @@ static bool ends(worker* w, const uint64_t* packed) {
 }
 
 /* A configuration waits for the next layer; by tables it does so where it stands. */
-static void let_wait(worker* w, const uint64_t* packed, uint64_t sleep, uint64_t moves) {
-  const bool fine = w->all->tables || soter_row_put(&w->next, packed, sleep, moves);
+static void wait_for_next_layer(worker* w, const uint64_t* packed, uint64_t sleep, uint64_t moves) {
+  const bool ok = w->all->tables || soter_row_put(&w->next, packed, sleep, moves);
   w->next_ns = soter_earlier(w->next_ns, soter_time_of(w->all->s->m, packed));
-  w->full = w->full || !fine;
+  w->full = w->full || !ok;
 }
 
 /* A new configuration: it is judged, and waits for the next layer. */
@@ -106,9 +103,9 @@ static void take_new(worker* w, const uint64_t* packed, uint64_t sleep, uint64_t
   if (w->all->link && !soter_row_put(&w->links, packed, from, 0U)) {
     w->full = true;
   }
-  if (!ends(w, packed)) {
+  if (!ends_execution(w, packed)) {
     w->fresh++;
-    let_wait(w, packed, sleep, UINT64_MAX);
+    wait_for_next_layer(w, packed, sleep, UINT64_MAX);
   }
 }
 
@@ -123,7 +120,7 @@ static void take_in(worker* w, const uint64_t* packed, const uint64_t* key, uint
   }
   if (fresh == 0) {
     if (again != 0U) { /* by tables it is expanded after all have come, with what sleeps then */
-      let_wait(w, packed, sleep, again);
+      wait_for_next_layer(w, packed, sleep, again);
     }
     return;
   }
@@ -136,7 +133,7 @@ static bool stops(const layered* all) {
 }
 
 /* New configurations that violate nothing wait in the table. */
-static void take_fine(worker* w, const uint64_t* packed, uint32_t count) {
+static void take_unviolated(worker* w, const uint64_t* packed, uint32_t count) {
   const soter_model* const m = w->all->s->m;
   int64_t least = w->next_ns;
   for (uint32_t k = 0; k < count; k++) {
@@ -149,16 +146,17 @@ static void take_fine(worker* w, const uint64_t* packed, uint32_t count) {
 
 /* Takes in configurations of a word that are all this worker's; returns how many there was room
  * for. Room for their keys is there. */
-static uint32_t take_short_in(worker* w, const uint64_t* packed, uint32_t count, uint64_t from) {
+static uint32_t take_words_in(worker* w, const uint64_t* packed, uint32_t count, uint64_t from) {
   uint32_t put = count;
   const uint32_t news = soter_store_put_short(&w->store, packed, &put, w->key);
   w->full = w->full || put < count;
   SOTER_CHECK(put <= count && news <= put && count <= w->keys);
   const bool wait = w->all->tables && w->all->s->o->noted == NULL;
   for (uint32_t k = 0; k < news;) {
-    const uint32_t fine = wait ? soter_memo_fine(&w->expander, w->key + k, news - k) : 0U;
-    take_fine(w, w->key + k, fine);
-    k += fine;
+    const uint32_t ok =
+        wait ? soter_cache_count_unviolated(&w->expander, w->key + k, news - k) : 0U;
+    take_unviolated(w, w->key + k, ok);
+    k += ok;
     if (k < news) {
       take_new(w, w->key + k++, 0U, from);
     }
@@ -167,7 +165,7 @@ static uint32_t take_short_in(worker* w, const uint64_t* packed, uint32_t count,
 }
 
 /* Whether configurations are a word each, and are stored as they are: many are put at a time. */
-static bool takes_short(const worker* w) {
+static bool takes_words(const worker* w) {
   return soter_store_is_short(&w->store);
 }
 
@@ -186,13 +184,13 @@ static void note_most(layered* all, uint64_t bytes) {
 
 /* Memory is one budget: what tables, frontiers and remembered steps of all workers take together.
  * The table may grow into this worker's share of what is left. */
-static void weigh(worker* w) {
+static void count_memory(worker* w) {
   layered* const all = w->all;
   const uint64_t all_of_it = all->s->o->memory;
   const uint64_t memory = all_of_it - all_of_it / 64U * (all->threads > 1U ? 3U : 1U);
   const uint64_t table = soter_store_bytes(&w->store);
   w->table = table;
-  w->rows = frontier_of(w);
+  w->rows = bytes_of_frontier(w);
   w->bytes = table + w->rows + soter_expander_bytes(&w->expander);
   uint64_t bytes = 0U;
   for (uint32_t k = 0; k < all->threads; k++) {
@@ -210,50 +208,50 @@ static void weigh(worker* w) {
 }
 
 /* Takes in some of what another worker has found; returns how many there was room for. */
-static uint64_t receive_some(worker* w, const soter_row* q, uint64_t first, uint32_t count) {
+static uint64_t receive_some(worker* w, const soter_row* row, uint64_t first, uint32_t count) {
   const uint32_t words = w->all->words;
-  const uint64_t* const packed = soter_row_at(q, first);
-  if (!more_keys(w, count)) {
+  const uint64_t* const packed = soter_row_at(row, first);
+  if (!make_room_for_keys(w, count)) {
     return 0U;
   }
-  if (takes_short(w)) {
-    return take_short_in(w, packed, count, 0U);
+  if (takes_words(w)) {
+    return take_words_in(w, packed, count, 0U);
   }
   for (uint32_t k = 0; k < count; k++) {
-    soter_store_keys(&w->store, packed + (size_t)k * q->width, 1U, w->key + (size_t)k * words,
+    soter_store_keys(&w->store, packed + (size_t)k * row->width, 1U, w->key + (size_t)k * words,
                      true);
   }
   uint32_t taken = 0U;
   for (; taken < count && !w->full; taken++) {
-    const uint64_t* const item = packed + (size_t)taken * q->width;
+    const uint64_t* const item = packed + (size_t)taken * row->width;
     take_in(w, item, w->key + (size_t)taken * words, item[words], 0U);
   }
   return w->full && taken > 0U ? taken - 1U : taken; /* it may be the one without room */
 }
 
 /* Takes in what another worker has found; what there is no room for stays. */
-static void receive_from(worker* w, soter_row* q) {
-  const uint32_t most = takes_short(w) ? SHORT : RECEIVED;
+static void receive_from(worker* w, soter_row* row) {
+  const uint32_t most = takes_words(w) ? SHORT : RECEIVED;
   uint64_t i = 0U;
-  while (i < q->count && !w->full && !stops(w->all)) {
-    const uint32_t count = q->count - i < most ? (uint32_t)(q->count - i) : most;
+  while (i < row->count && !w->full && !stops(w->all)) {
+    const uint32_t count = row->count - i < most ? (uint32_t)(row->count - i) : most;
     w->taken += count;
     if (w->taken >= LOOK) {
-      weigh(w);
+      count_memory(w);
     }
-    i += receive_some(w, q, i, count);
+    i += receive_some(w, row, i, count);
   }
-  soter_row_drop(q, i);
+  soter_row_drop(row, i);
 }
 
 /* Gives every successor of a word to its owner; a worker's own wait until they are many, at most
  * until others' are taken in. No branch asks whose one is: no machine knows beforehand. */
-static void hand_on_short(worker* w) {
+static void hand_on_words(worker* w) {
   layered* const all = w->all;
   const soter_successors* const h = &w->expander.successors;
   uint64_t* end[THREADS] = {NULL};
   if (all->threads == 1U || h->count == 0U) {
-    (void)take_short_in(w, h->packed, h->count, w->moved + w->first);
+    (void)take_words_in(w, h->packed, h->count, w->moved + w->first);
     return;
   }
   for (uint32_t k = 0; k < all->threads; k++) {
@@ -306,8 +304,8 @@ static void hand_on(worker* w) {
   const uint32_t words = w->all->words;
   const soter_successors* const h = &w->expander.successors;
   w->taken += h->count;
-  if (takes_short(w)) {
-    hand_on_short(w);
+  if (takes_words(w)) {
+    hand_on_words(w);
     return;
   }
   soter_store_keys(&w->store, h->packed, h->count, w->key, w->all->threads == 1U);
@@ -320,15 +318,15 @@ static void hand_on(worker* w) {
   }
 }
 
-static bool over(const worker* w) {
+static bool is_over(const worker* w) {
   const soter_search* const s = w->all->s;
-  return w->full || w->expander.place.too_many || stops(w->all) || (w->broke && !s->o->go_on) ||
+  return w->full || w->expander.space.too_many || stops(w->all) || (w->broke && !s->o->go_on) ||
          soter_ran_enough(&w->expander);
 }
 
-static void tell(worker* w) {
+static void report_progress(worker* w) {
   soter_search* const s = w->all->s;
-  weigh(w);
+  count_memory(w);
   if (w->id != 0U) {
     return;
   }
@@ -347,20 +345,20 @@ static void tell(worker* w) {
 /* Successors of one configuration, or of a few, go to their owners; false: no more are wanted. */
 static bool take_away(void* to) {
   worker* const w = to;
-  if (more_keys(w, w->expander.successors.count)) {
+  if (make_room_for_keys(w, w->expander.successors.count)) {
     hand_on(w);
     w->full = w->full || w->expander.no_memory;
   }
   if (w->taken >= LOOK) {
-    tell(w);
+    report_progress(w);
   }
-  soter_forget(&w->expander);
-  return !over(w);
+  soter_forget_successors(&w->expander);
+  return !is_over(w);
 }
 
 /* The next configuration of the frontier, number `i`, what sleeps in it and which moves are to be
  * made: none where it violates something, in a search that goes on. */
-static void next_of_frontier(worker* w, uint64_t i, uint64_t* item) {
+static void read_next_of_frontier(worker* w, uint64_t i, uint64_t* item) {
   const layered* const all = w->all;
   const uint32_t words = all->words;
   soter_broken broken;
@@ -382,9 +380,9 @@ static void next_of_frontier(worker* w, uint64_t i, uint64_t* item) {
 }
 
 /* Whether configurations of the frontier are expanded many at a time. */
-static bool in_batches(const worker* w) {
-  const bool fine = w->all->tables && w->expander.instant == NULL;
-  return fine && w->batch > 0U && soter_store_is_short(&w->before);
+static bool expands_in_batches(const worker* w) {
+  const bool ok = w->all->tables && w->expander.instant == NULL;
+  return ok && w->batch > 0U && soter_store_is_short(&w->before);
 }
 
 /* Expands configurations of the frontier, from number `first`, at once. Returns how many; 0: these
@@ -403,7 +401,7 @@ static uint32_t expand_batch(worker* w, uint64_t first) {
     configuration[kept] = configuration[i];
     kept += !may_break || !soter_is_broken(&w->expander, &configuration[i], &broken);
   }
-  if (!soter_memo_expand_batch(&w->expander, configuration, kept)) {
+  if (!soter_cache_expand_batch(&w->expander, configuration, kept)) {
     w->at = at;
     w->batch /= 2U; /* none: until the next layer */
     return 0U;
@@ -419,8 +417,7 @@ static uint32_t expand_batch(worker* w, uint64_t first) {
 
 /* Expands configurations of the frontier, from number `first`: as many as are looked for at once,
  * so that the machine can fetch the places of their successors while others are computed. Returns
- * how many.
- */
+ * how many. */
 static uint64_t expand_some(worker* w, uint64_t first) {
   layered* const all = w->all;
   const uint32_t words = all->words;
@@ -429,15 +426,15 @@ static uint64_t expand_some(worker* w, uint64_t first) {
   uint64_t i = first;
   uint64_t item[SOTER_WORDS + 2U];
   SOTER_CHECK(first < w->layer);
-  soter_forget(&w->expander);
+  soter_forget_successors(&w->expander);
   w->first = first;
-  i += in_batches(w) ? expand_batch(w, first) : 0U;
+  i += expands_in_batches(w) ? expand_batch(w, first) : 0U;
   if (i > first) {
     (void)take_away(w);
     return i - first;
   }
-  for (; i < w->layer && i - first < most && h->count < SUCCESSORS && !over(w); i++) {
-    next_of_frontier(w, i, item);
+  for (; i < w->layer && i - first < most && h->count < SUCCESSORS && !is_over(w); i++) {
+    read_next_of_frontier(w, i, item);
     if (item[words + 1U] == 0U) {
       continue;
     }
@@ -450,12 +447,10 @@ static uint64_t expand_some(worker* w, uint64_t first) {
   return i - first;
 }
 
-/* ------------------------------------------------------------------ layers */
-
 /* Expands some configurations; where a successor may be lost they count as not expanded. */
-static void go_ahead(worker* w) {
+static void expand_some_more(worker* w) {
   const uint64_t count = expand_some(w, w->expanded);
-  w->expanded += over(w) ? 0U : count;
+  w->expanded += is_over(w) ? 0U : count;
 }
 
 /* Expands all of it, or until there is much that others have to take in. */
@@ -465,22 +460,22 @@ static void expand_layer(worker* w) {
   uint64_t told = w->expanded;
   SOTER_CHECK(w->expanded <= w->layer);
   w->owed = 0U;
-  while (w->expanded < w->layer && w->owed < most && !over(w)) {
-    go_ahead(w);
+  while (w->expanded < w->layer && w->owed < most && !is_over(w)) {
+    expand_some_more(w);
     if (w->expanded - told >= TELL) {
       told = w->expanded;
-      tell(w);
+      report_progress(w);
     }
   }
-  w->rest = w->expanded < w->layer && !over(w);
+  w->rest = w->expanded < w->layer && !is_over(w);
 }
 
-static void receive(worker* w) {
+static void receive_from_all(worker* w) {
   w->waiting_ns = w->expanded < w->layer ? w->here_ns : SOTER_NO_DEADLINE;
   for (uint32_t k = 0; k < w->all->threads; k++) {
-    soter_row* const q = &w->all->w[k].out[w->id];
-    receive_from(w, q);
-    w->waiting_ns = soter_earlier(w->waiting_ns, soter_row_time(q, w->all->s->m, 0U));
+    soter_row* const row = &w->all->w[k].out[w->id];
+    receive_from(w, row);
+    w->waiting_ns = soter_earlier(w->waiting_ns, soter_row_time(row, w->all->s->m, 0U));
   }
   w->waiting_ns = soter_earlier(w->waiting_ns, w->next_ns);
 }
@@ -501,11 +496,11 @@ static soter_explore_status status_of(const layered* all, const worker* w) {
   if (soter_ran_enough(&w->expander)) {
     return SOTER_STATES;
   }
-  return w->expander.place.too_many ? SOTER_CHOOSY : SOTER_EXHAUSTED;
+  return w->expander.space.too_many ? SOTER_CHOOSY : SOTER_EXHAUSTED;
 }
 
 /* How many configurations wait for the next layer. */
-static uint64_t waiting(const layered* all) {
+static uint64_t count_waiting(const layered* all) {
   uint64_t count = 0U;
   for (uint32_t k = 0; k < all->threads; k++) {
     count += all->tables ? all->w[k].fresh : all->w[k].next.count;
@@ -514,7 +509,7 @@ static uint64_t waiting(const layered* all) {
 }
 
 /* Before which time all was judged. */
-static int64_t covered(const layered* all) {
+static int64_t covered_until(const layered* all) {
   int64_t time = all->born ? SOTER_NO_DEADLINE : -1;
   for (uint32_t k = 0; k < all->threads; k++) {
     time = soter_earlier(time, all->w[k].waiting_ns);
@@ -543,7 +538,7 @@ static void count_steps(layered* all) {
 }
 
 /* A violation counts before all else, then what the first worker says. */
-static void decide(layered* all) {
+static void decide_what_next(layered* all) {
   for (uint32_t k = 0; k < all->threads; k++) {
     const soter_explore_status said = status_of(all, &all->w[k]);
     if (said == SOTER_VIOLATED || all->status == SOTER_EXHAUSTED) {
@@ -551,29 +546,28 @@ static void decide(layered* all) {
     }
   }
   all->whole = is_whole(all);
-  all->s->progress->covered_ns = covered(all);
+  all->s->progress->covered_ns = covered_until(all);
   const bool ends = all->status != SOTER_EXHAUSTED;
-  const bool closed = !ends && soter_closed_look(all);
-  all->done = all->done || ends || closed || (all->whole && waiting(all) == 0U);
+  const bool closed = !ends && soter_repetition_found(all);
+  all->done = all->done || ends || closed || (all->whole && count_waiting(all) == 0U);
   all->depth += (uint32_t)(all->whole || ends);
   count_steps(all);
 }
 
-/* What comes after a layer, or a part of one, while nobody works: what all have taken in is known.
- */
+/* Decides after a layer, or a part of one, while nobody works and all have taken in theirs. */
 static void sum_and_decide(void* to) {
   layered* const all = to;
   for (uint32_t k = all->threads; k-- > 0U;) {
-    tell(&all->w[k]); /* the first one, last, adds up */
+    report_progress(&all->w[k]); /* the first one, last, adds up */
   }
-  decide(all);
+  decide_what_next(all);
 }
 
 /* Forgets the table of a layer, or keeps it for who wants to see it. */
 static void forget_layer(worker* w) {
   const soter_search* const s = w->all->s;
   if (s->o->keep && s->o->storage == SOTER_EXACT) {
-    w->kept = soter_keep(w->kept, &w->store);
+    w->kept = soter_keep_table(w->kept, &w->store);
     soter_store_close(&w->store); /* where it could not be kept */
     w->full = !soter_layers_open_store(w, &w->store) || w->full;
   } else {
@@ -582,7 +576,7 @@ static void forget_layer(worker* w) {
 }
 
 /* What was found is what is expanded next. */
-static void turn_over(worker* w) {
+static void begin_next_layer(worker* w) {
   w->moved += w->layer;
   if (w->all->tables) {
     const soter_store swap = w->before;
@@ -602,7 +596,7 @@ static void turn_over(worker* w) {
   w->batch = w->batch > 0U ? w->batch : 1U;
   w->here_ns = w->next_ns;
   w->next_ns = SOTER_NO_DEADLINE;
-  if (soter_closed_turn(w)) {
+  if (soter_repetition_take(w)) {
     w->full = !soter_layers_open_store(w, &w->store) || w->full;
   } else if (w->all->forgets) {
     forget_layer(w); /* by rows, what is in it has a row */
@@ -619,7 +613,7 @@ static bool any_rest(const layered* all) {
   return any;
 }
 
-static void* work(void* argument) {
+static void* work_through_layers(void* argument) {
   worker* const w = argument;
   layered* const all = w->all;
   soter_patience patience = 0U;
@@ -632,17 +626,15 @@ static void* work(void* argument) {
       expand_layer(w);
       soter_barrier_wait(&all->barrier, &patience, NULL, NULL);
       more = any_rest(all); /* all say the same: nobody goes on before the next wait */
-      receive(w);
+      receive_from_all(w);
       soter_barrier_wait(&all->barrier, &patience, more ? NULL : sum_and_decide, all);
     }
     if (all->whole && !all->done) {
-      turn_over(w);
+      begin_next_layer(w);
     }
   }
   return NULL;
 }
-
-/* ------------------------------------------------------------------ beginning and end */
 
 static bool coverage_open(soter_explore_coverage* c, const soter_model* m) {
   c->branches = calloc((m->branches + 63U) / 64U + 1U, sizeof *c->branches);
@@ -678,19 +670,19 @@ static bool open_worker(layered* all, uint32_t id) {
   w->here.words = w->next.words = w->links.words = all->words;
   w->links.width = all->words + 1U;
   w->here_ns = w->next_ns = w->waiting_ns = SOTER_NO_DEADLINE;
-  const bool fine =
+  const bool ok =
       coverage_open(&w->coverage, s->m) &&
       soter_expander_open(&w->expander, s, &w->coverage, s->o->memory / 4U / all->threads) &&
       soter_layers_open_store(w, &w->store) &&
       (!all->tables || soter_layers_open_store(w, &w->before)) && open_noted(w);
   for (uint32_t k = 0; k < THREADS; k++) {
     w->out[k].words = all->words;
-    w->out[k].width = all->words + (takes_short(w) ? 0U : 1U);
+    w->out[k].width = all->words + (takes_words(w) ? 0U : 1U);
   }
   w->here.width = w->next.width = all->words + (w->expander.instant != NULL ? 0U : 2U);
   w->expander.spill = take_away;
   w->expander.to = w;
-  return fine;
+  return ok;
 }
 
 static void close_worker(worker* w) {
@@ -719,93 +711,94 @@ static bool open_all(layered* all, soter_search* s, uint32_t threads, bool link)
     all->forgets = all->forgets && s->m->actor[i].overrun_ns == 0; /* it loses releases */
   }
   all->tables = all->forgets && !link && s->o->storage == SOTER_EXACT;
-  bool fine = true;
+  bool ok = true;
   all->opened = all->threads;
   for (uint32_t k = 0; k < all->threads; k++) {
-    fine = open_worker(all, k) && fine;
-    weigh(&all->w[k]);
+    ok = open_worker(all, k) && ok;
+    count_memory(&all->w[k]);
   }
-  soter_closed_open(all);
-  return fine;
+  soter_repetition_open(all);
+  return ok;
 }
 
 static void close_all(layered* all) {
-  soter_closed_close(all);
+  soter_repetition_close(all);
   for (uint32_t k = 0; k < all->opened; k++) {
     close_worker(&all->w[k]);
   }
 }
 
 /* Before anybody moves, whatever the owner: there are no queues yet that it would look at. */
-static bool take_births(void* to) {
+static bool hand_starts_on(void* to) {
   worker* const first = to;
   layered* const all = first->all;
   const soter_successors* const h = &first->expander.successors;
-  bool fine = true;
-  for (uint32_t k = 0; fine && k < h->count; k++) {
+  bool ok = true;
+  for (uint32_t k = 0; ok && k < h->count; k++) {
     const uint64_t* const packed = h->packed + (size_t)k * all->words;
     uint64_t key[SOTER_WORDS];
     soter_store_key(&first->store, packed, key);
     worker* const owner = &all->w[soter_owner_of(all, &first->store, packed, key)];
     take_in(owner, packed, key, 0U, SOTER_NO_DEADLINE);
     if (++owner->taken >= LOOK) {
-      tell(owner);
+      report_progress(owner);
     }
-    fine = !over(owner);
+    ok = !is_over(owner);
   }
-  soter_forget(&first->expander);
-  all->born = all->born && fine;
-  return fine;
+  soter_forget_successors(&first->expander);
+  all->born = all->born && ok;
+  return ok;
 }
 
-static void be_born(layered* all) {
+static void take_starts(layered* all) {
   worker* const w = &all->w[0];
-  w->expander.spill = take_births;
+  w->expander.spill = hand_starts_on;
   all->born = true;
-  soter_expand_birth(&w->expander);
-  (void)take_births(w);
+  soter_expand_start(&w->expander);
+  (void)hand_starts_on(w);
   w->full = w->full || w->expander.no_memory;
-  all->born = all->born && !over(w) && !w->expander.place.cut;
+  all->born = all->born && !is_over(w) && !w->expander.space.cut;
   w->expander.spill = take_away;
   for (uint32_t k = 0; k < all->threads; k++) {
-    turn_over(&all->w[k]);
+    begin_next_layer(&all->w[k]);
   }
 }
 
 /* On as many threads as the machine gives. */
-static void run(layered* all) {
+static void run_threads(layered* all) {
   pthread_t other[THREADS];
   const uint32_t wanted = all->threads;
   uint32_t made = 1U;
   soter_barrier_open(&all->barrier);
-  while (made < wanted && pthread_create(&other[made], NULL, work, &all->w[made]) == 0) {
+  while (made < wanted &&
+         pthread_create(&other[made], NULL, work_through_layers, &all->w[made]) == 0) {
     made++;
   }
   all->threads = made;
-  be_born(all);
+  take_starts(all);
   soter_barrier_begin(&all->barrier, made);
-  (void)work(&all->w[0]);
+  (void)work_through_layers(&all->w[0]);
   for (uint32_t k = 1; k < made; k++) {
     (void)pthread_join(other[k], NULL);
   }
   soter_barrier_close(&all->barrier);
 }
 
-static void sum_up(layered* all, soter_explore_result* r) {
+static void sum_up_workers(layered* all, soter_explore_result* r) {
   r->status = all->status;
   r->depth = all->depth;
   r->threads = all->threads;
-  r->closed_ns = all->status == SOTER_EXHAUSTED ? all->closing.closed_ns : 0;
-  r->closable = all->closing.may;
-  r->covered_ns = r->closed_ns != 0 ? SOTER_NO_DEADLINE : covered(all);
+  r->closed_ns = all->status == SOTER_EXHAUSTED ? all->repetition.closed_ns : 0;
+  r->closable = all->repetition.may;
+  r->covered_ns = r->closed_ns != 0 ? SOTER_NO_DEADLINE : covered_until(all);
   for (uint32_t k = 0; k < all->threads; k++) {
     worker* const w = &all->w[k];
     r->states += w->count;
     r->transitions += w->expander.transitions;
     r->combined += w->expander.combined;
-    weigh(w);
-    if (w->expander.place.too_many) {
-      r->chooser = w->expander.place.chooser;
+    count_memory(w);
+    if (w->expander.space.too_many) {
+      r->chooser = w->expander.space.chooser;
     }
     if (w->broke) {
       r->broken = w->broken;
@@ -813,18 +806,16 @@ static void sum_up(layered* all, soter_explore_result* r) {
     }
     soter_merge_coverage(all->s->m, all->s->coverage, &w->coverage);
   }
-  weigh(&all->w[0]);
+  count_memory(&all->w[0]);
   r->table_bytes = all->most_table;
   r->frontier_bytes = all->most_rows;
   r->memo_bytes = all->most_bytes - all->most_table - all->most_rows;
 }
 
-/* ------------------------------------------------------------------ the trace */
-
 static bool write_links(layered* all, soter_search* s, uint64_t last, const soter_broken* broken) {
   worker* const w = &all->w[0];
-  soter_place x;
-  if (!soter_place_open(&x, s->m, s->o, s->progress, NULL)) {
+  soter_workspace space;
+  if (!soter_workspace_open(&space, s->m, s->o, s->progress, NULL)) {
     return false;
   }
   uint64_t* const way = malloc((s->room + 1U) * sizeof *way);
@@ -833,27 +824,26 @@ static bool write_links(layered* all, soter_search* s, uint64_t last, const sote
        i = soter_row_at(&w->links, i)[all->words]) {
     way[length++] = i;
   }
-  bool fine = way != NULL && length < s->room;
+  bool ok = way != NULL && length < s->room;
   const uint64_t* before = NULL;
   uint32_t written = 0U;
-  for (uint32_t k = length; fine && k > 0U; k--) {
+  for (uint32_t k = length; ok && k > 0U; k--) {
     const uint64_t* const here = soter_row_at(&w->links, way[k - 1U]);
     SOTER_CHECK(way[k - 1U] < w->links.count);
-    fine = soter_find_way(s, &x, before, here, NULL, &written);
+    ok = soter_find_moves(s, &space, before, here, NULL, &written);
     before = here;
   }
-  if (fine && broken != NULL) {
-    fine = soter_find_way(s, &x, before, NULL, broken, &written);
+  if (ok && broken != NULL) {
+    ok = soter_find_moves(s, &space, before, NULL, broken, &written);
   }
-  soter_place_close(&x);
+  soter_workspace_close(&space);
   free(way);
-  s->result->length = fine ? written : 0U;
-  return fine;
+  s->result->length = ok ? written : 0U;
+  return ok;
 }
 
-/* With links the order of the configurations is the order of their expansion only without revisits.
- */
-static void trace_back(soter_search* s) {
+/* Searches again with links, and writes the way; nothing is revisited, so order is expansion's. */
+static void search_with_links(soter_search* s) {
   layered* const all = malloc(sizeof *all);
   soter_explore_options once = *s->o;
   if (!soter_by_instants(s->m, s->o)) {
@@ -870,7 +860,7 @@ static void trace_back(soter_search* s) {
     return;
   }
   if (open_all(all, &again, 1U, true)) {
-    run(all);
+    run_threads(all);
     worker* const w = &all->w[0];
     if (w->broke) {
       s->result->broken = w->broken;
@@ -885,16 +875,16 @@ static void trace_back(soter_search* s) {
 }
 
 /* What is wanted beyond the search: all configurations, or what was noted of them. */
-static void keep(layered* all, soter_explore_result* r) {
+static void keep_tables(layered* all, soter_explore_result* r) {
   const soter_explore_options* const o = all->s->o;
   for (uint32_t k = 0; k < all->threads; k++) {
     worker* const w = &all->w[k];
     if (o->keep && o->storage == SOTER_EXACT) {
-      r->kept = soter_keep(soter_keep_all(r->kept, w->kept), &w->store);
-      r->kept = all->tables ? soter_keep(r->kept, &w->before) : r->kept;
+      r->kept = soter_keep_table(soter_join_kept(r->kept, w->kept), &w->store);
+      r->kept = all->tables ? soter_keep_table(r->kept, &w->before) : r->kept;
     }
     if (o->noted != NULL) {
-      r->kept = soter_keep(r->kept, &w->noted);
+      r->kept = soter_keep_table(r->kept, &w->noted);
     }
   }
 }
@@ -915,15 +905,15 @@ void soter_search_bfs(soter_search* s) {
     free(all);
     return;
   }
-  run(all);
-  sum_up(all, s->result);
+  run_threads(all);
+  sum_up_workers(all, s->result);
   const uint32_t steps = all->steps;
-  keep(all, s->result);
+  keep_tables(all, s->result);
   close_all(all);
   free(all);
   if (s->result->status == SOTER_VIOLATED && s->trace != NULL) {
     s->progress->tracing = 1;
-    trace_back(s);
+    search_with_links(s);
     soter_trace_depth_first(s);
     s->progress->tracing = 0;
   }

@@ -15,9 +15,9 @@
 typedef struct {
   int64_t at_ns;
   uint64_t digest, count;
-} soter_turn;
+} soter_layer_digest;
 
-/* Whether what comes was there before (soter_explore_fixpoint.c). */
+/* Whether what comes was there before (soter_explore_repeated_layers.c). */
 typedef struct {
   bool may;                  /* it is a search that it is looked for in, */
   bool on;                   /* and there is enough before the end */
@@ -31,10 +31,11 @@ typedef struct {
   int64_t again_ns;          /* the same is expected */
   int64_t closed_ns;         /* all that comes after was there before; 0: that is not known */
   uint64_t calendar;         /* the bits that entries have of it; 0: none, */
-  soter_calendar counted;    /* else: steps until the last end of an instant that was looked for */
-  soter_turn* turn;
+  soter_instant_count
+      counted; /* else: steps until the last end of an instant that was looked for */
+  soter_layer_digest* turn;
   uint32_t turns, room;
-} soter_closing;
+} soter_repetition;
 
 typedef struct worker {
   struct layered* all;
@@ -91,17 +92,17 @@ typedef struct layered {
   bool born;  /* all that there is at the start was taken in */
   bool whole; /* the layer was expanded to its end */
   soter_explore_status status;
-  uint32_t depth;          /* layers */
-  soter_calendar calendar; /* where only ends of instants are stored, */
-  uint32_t steps;          /* of the longest execution seen */
-  soter_closing closing;
+  uint32_t depth;               /* layers */
+  soter_instant_count calendar; /* where only ends of instants are stored, */
+  uint32_t steps;               /* of the longest execution seen */
+  soter_repetition repetition;
 } layered;
 
 /* Whose a configuration of a word is: by what the table tells apart, but for its place in the
  * calendar where layers are compared whose places differ: what comes again has the same owner. */
 SOTER_INLINE uint32_t soter_owner_of_short(const layered* all, const soter_store* s,
                                            uint64_t packed) {
-  const uint64_t x = (packed & ~all->closing.calendar) >> s->common | 1U;
+  const uint64_t x = (packed & ~all->repetition.calendar) >> s->common | 1U;
   const uint64_t h = (x ^ x >> 32) * UINT64_C(0x9e3779b97f4a7c15);
   return (uint32_t)((h >> 32) * all->threads >> 32);
 }
@@ -110,7 +111,8 @@ SOTER_INLINE uint32_t soter_owner_of_short(const layered* all, const soter_store
  * opens or closes meanwhile; they are alike. */
 SOTER_INLINE uint32_t soter_owner_of(const layered* all, const soter_store* s,
                                      const uint64_t* packed, const uint64_t* key) {
-  const uint64_t calendar = all->closing.calendar; /* then the table has all of a configuration */
+  const uint64_t calendar =
+      all->repetition.calendar; /* then the table has all of a configuration */
   uint64_t h = 0U;
   SOTER_CHECK(all->threads <= THREADS);
   if (soter_store_is_short(s)) {
@@ -127,20 +129,20 @@ SOTER_INLINE uint32_t soter_owner_of(const layered* all, const soter_store* s,
 SOTER_INLINE bool soter_layers_open_store(worker* w, soter_store* store) {
   const soter_search* const s = w->all->s;
   const uint32_t common = w->all->forgets && w->expander.instant != NULL ? s->m->calendar : 0U;
-  const bool fine = soter_store_open(store, s->m, s->o->storage, soter_keeps_sleep(&w->expander),
-                                     common, s->o->memory / w->all->threads);
+  const bool ok = soter_store_open(store, s->m, s->o->storage, soter_keeps_sleep(&w->expander),
+                                   common, s->o->memory / w->all->threads);
   store->growth = 4U; /* settled when their time is over */
   store->layer = w->all->forgets;
   store->stop = &s->progress->stop;
-  return fine;
+  return ok;
 }
 
 /* Before the search, when all workers are open, and after it. */
-void soter_closed_open(layered* all);
-void soter_closed_close(layered* all);
+void soter_repetition_open(layered* all);
+void soter_repetition_close(layered* all);
 /* While nobody works, and there is more to expand: whether all of that was there before. */
-bool soter_closed_look(layered* all);
+bool soter_repetition_found(layered* all);
 /* A worker begins a layer: `before`. Whether what it expanded last, `store`, was taken away. */
-bool soter_closed_turn(worker* w);
+bool soter_repetition_take(worker* w);
 
 #endif

@@ -31,13 +31,13 @@ static bool open_stack(stack* t, soter_search* s) {
   t->s = s;
   t->words = t->row.words = s->m->words;
   t->row.width = t->words + 2U;
-  const bool fine = soter_expander_open(&t->expander, s, s->coverage, s->o->memory / 4U) &&
-                    soter_store_open(&t->store, s->m, s->o->storage,
-                                     soter_keeps_sleep(&t->expander), 0U, s->o->memory);
+  const bool ok = soter_expander_open(&t->expander, s, s->coverage, s->o->memory / 4U) &&
+                  soter_store_open(&t->store, s->m, s->o->storage, soter_keeps_sleep(&t->expander),
+                                   0U, s->o->memory);
   t->store.stop = &s->progress->stop;
   t->expander.spill = take_away;
   t->expander.to = t;
-  return fine;
+  return ok;
 }
 
 static void close_stack(stack* t) {
@@ -62,7 +62,7 @@ static void take_in(stack* t, const uint64_t* packed, uint64_t sleep) {
     soter_broken broken;
     t->states++;
     if (soter_is_broken(&t->expander, packed, &broken)) {
-      if (!t->broke && !soter_is_known(&t->expander.place, &broken)) {
+      if (!t->broke && !soter_is_known(&t->expander.space, &broken)) {
         t->broke = true;
         t->broken = broken;
         (void)memcpy(t->last, packed, t->words * sizeof *packed);
@@ -73,29 +73,28 @@ static void take_in(stack* t, const uint64_t* packed, uint64_t sleep) {
   t->full = t->full || !soter_row_put(&t->row, packed, sleep, fresh == 1 ? UINT64_MAX : again);
 }
 
-/* The way: those entries of the stack that were expanded and have not been left. They are marked.
- */
+/* The way: those entries of the stack that were expanded and not left. They are marked. */
 #define ON_THE_WAY UINT64_C(0)
 
 static void write_way(stack* t) {
   soter_search* const s = t->s;
-  soter_place x;
+  soter_workspace space;
   const uint64_t* before = NULL;
   uint32_t written = 0U;
-  bool fine = soter_place_open(&x, s->m, s->o, s->progress, NULL);
-  for (uint64_t i = 0; fine && i < t->row.count; i++) {
+  bool ok = soter_workspace_open(&space, s->m, s->o, s->progress, NULL);
+  for (uint64_t i = 0; ok && i < t->row.count; i++) {
     const uint64_t* const here = soter_row_at(&t->row, i);
     if (here[t->words + 1U] == ON_THE_WAY) {
-      fine = soter_find_way(s, &x, before, here, NULL, &written);
+      ok = soter_find_moves(s, &space, before, here, NULL, &written);
       before = here;
     }
   }
-  if (fine) {
+  if (ok) {
     const uint64_t* const last = t->by_a_move ? NULL : t->last;
-    fine = soter_find_way(s, &x, before, last, t->by_a_move ? &t->broken : NULL, &written);
+    ok = soter_find_moves(s, &space, before, last, t->by_a_move ? &t->broken : NULL, &written);
   }
-  soter_place_close(&x);
-  s->result->length = fine ? written : 0U;
+  soter_workspace_close(&space);
+  s->result->length = ok ? written : 0U;
 }
 
 /* Tells how far it is, and whether it goes on. */
@@ -111,7 +110,7 @@ static bool look(stack* t) {
   s->progress->transitions = t->expander.transitions;
   t->taken = 0U;
   t->over = t->over || s->progress->stop != 0 || t->full || t->expander.no_memory ||
-            bytes > s->o->memory || t->expander.place.too_many;
+            bytes > s->o->memory || t->expander.space.too_many;
   return !t->over;
 }
 
@@ -122,8 +121,7 @@ static bool go_on(stack* t) {
 }
 
 /* The successors of a configuration lie on the stack then, the first one on top; false: no more are
- * wanted.
- */
+ * wanted. */
 static bool take_away(void* to) {
   stack* const t = to;
   const soter_successors* const h = &t->expander.successors;
@@ -131,7 +129,7 @@ static bool take_away(void* to) {
   for (uint32_t k = h->count; k > 0U && !t->broke && !t->full; k--) {
     take_in(t, h->packed + (size_t)(k - 1U) * t->words, h->sleep[k - 1U]);
   }
-  soter_forget(&t->expander);
+  soter_forget_successors(&t->expander);
   return !t->broke && !t->full && (t->taken < LOOK || look(t));
 }
 
@@ -142,7 +140,7 @@ static void expand_top(stack* t, uint64_t* top) {
   const uint64_t only = top[t->words + 1U];
   soter_copy_words(t->here, top, t->words); /* the stack may move */
   top[t->words + 1U] = ON_THE_WAY;
-  soter_forget(&t->expander);
+  soter_forget_successors(&t->expander);
   soter_expand_next(&t->expander, t->here, sleep, only);
   if (t->expander.broke && !t->broke) {
     t->broke = true;
@@ -156,7 +154,7 @@ static void expand_top(stack* t, uint64_t* top) {
 /* Searches configurations of at most `bound` steps until one violates. */
 static void run(stack* t, uint32_t bound) {
   uint32_t depth = 0U;
-  soter_expand_birth(&t->expander);
+  soter_expand_start(&t->expander);
   (void)take_away(t);
   while (t->row.count > 0U && !t->broke && !t->over) {
     uint64_t* const top = soter_row_at(&t->row, t->row.count - 1U);

@@ -10,105 +10,107 @@
 
 /* One configuration may have very many successors: the answers of a step, the values of an input.
  */
-static void spill(soter_expander* e) {
-  if (e->successors.count >= e->most && e->spill != NULL) {
-    e->enough = e->enough || !e->spill(e->to);
-    e->begin = e->successors.count;
+static void spill_successors(soter_expander* expander) {
+  if (expander->successors.count >= expander->most && expander->spill != NULL) {
+    expander->enough = expander->enough || !expander->spill(expander->to);
+    expander->begin = expander->successors.count;
   }
 }
 
-static bool wants_more(const soter_expander* e) {
-  const bool broke = e->broke && !e->go_on && e->place.tried >= LONG;
-  return !e->no_memory && !e->enough && !broke;
+static bool wants_more(const soter_expander* expander) {
+  const bool broke = expander->broke && !expander->go_on && expander->space.tried >= LONG;
+  return !expander->no_memory && !expander->enough && !broke;
 }
 
-static void make_one(soter_expander* e, const soter_move* move, uint64_t sleep) {
-  soter_place* const x = &e->place;
+static void make_move_once(soter_expander* expander, const soter_move* move, uint64_t sleep) {
+  soter_workspace* const space = &expander->space;
   soter_broken broken;
-  e->transitions++;
-  if (!soter_make(x, move, &broken)) {
-    if (!e->broke && !soter_is_known(x, &broken)) {
-      e->broken = broken;
-      e->broke = true;
+  expander->transitions++;
+  if (!soter_make_move(space, move, &broken)) {
+    if (!expander->broke && !soter_is_known(space, &broken)) {
+      expander->broken = broken;
+      expander->broke = true;
     }
     return;
   }
-  soter_cover(x, move->actor);
-  const bool ends = e->instant != NULL && soter_is_observable(x);
-  uint64_t* const successor = soter_next_successor(e, ends ? SOTER_AT_END : sleep);
+  soter_note_coverage(space, move->actor);
+  const bool ends = expander->instant != NULL && soter_is_observable(space);
+  uint64_t* const successor = soter_next_successor(expander, ends ? SOTER_AT_END : sleep);
   if (successor != NULL) {
-    x->m->pack(x->there, successor);
+    space->m->pack(space->there, successor);
   }
-  spill(e);
+  spill_successors(expander);
 }
 
 /* All answers of a move, or as many as are wanted. */
-static void make_all(soter_expander* e, const soter_move* move, uint64_t sleep) {
-  e->place.given = 0U;
+static void make_all_answers(soter_expander* expander, const soter_move* move, uint64_t sleep) {
+  expander->space.given = 0U;
   do {
-    make_one(e, move, sleep);
-  } while (wants_more(e) && soter_next_picks(&e->place));
-  soter_tell_answers(&e->place, true);
+    make_move_once(expander, move, sleep);
+  } while (wants_more(expander) && soter_next_picks(&expander->space));
+  soter_tell_answers(&expander->space, true);
 }
 
-void soter_expand(soter_expander* e, const uint64_t* packed, uint64_t sleep, uint64_t only) {
-  soter_place* const x = &e->place;
-  e->begin = e->successors.count;
-  SOTER_CHECK(e->words == x->m->words);
-  e->broke = false;
-  e->enough = false;
-  if (e->memo != NULL && soter_memo_expand(e, packed, sleep, only)) {
+void soter_expand(soter_expander* expander, const uint64_t* packed, uint64_t sleep, uint64_t only) {
+  soter_workspace* const space = &expander->space;
+  expander->begin = expander->successors.count;
+  SOTER_CHECK(expander->words == space->m->words);
+  expander->broke = false;
+  expander->enough = false;
+  if (expander->cache != NULL && soter_cache_expand(expander, packed, sleep, only)) {
     return;
   }
-  x->m->unpack(packed, x->here);
-  soter_look(x);
-  uint64_t set = soter_enabled(x);
-  if ((e->reduce & SOTER_REDUCE_AMPLE) != 0U) {
-    set = soter_ample(x, set);
+  space->m->unpack(packed, space->here);
+  soter_find_windows(space);
+  uint64_t set = soter_enabled_actors(space);
+  if ((expander->reduce & SOTER_REDUCE_AMPLE) != 0U) {
+    set = soter_ample_set(space, set);
   }
-  set = soter_in_order(x->m, set & only);
+  set = soter_in_order(space->m, set & only);
   uint64_t before = 0U;
-  for (uint32_t a = 0; a < x->m->actors; a++) {
+  for (uint32_t a = 0; a < space->m->actors; a++) {
     const uint64_t bit = UINT64_C(1) << a;
     if ((set & ~sleep & bit) == 0U) {
       continue;
     }
-    const uint64_t asleep =
-        (e->reduce & SOTER_REDUCE_SLEEP) != 0U ? soter_still_asleep(x->m, a, sleep, before) : 0U;
+    const uint64_t asleep = (expander->reduce & SOTER_REDUCE_SLEEP) != 0U
+                                ? soter_still_asleep(space->m, a, sleep, before)
+                                : 0U;
     soter_move move;
-    for (uint32_t n = 0; !x->cut && wants_more(e) && soter_move_of(x, a, n, &move); n++) {
-      make_all(e, &move, asleep);
-      x->cut = x->cut || soter_is_stopped(x);
+    for (uint32_t n = 0; !space->cut && wants_more(expander) && soter_move_of(space, a, n, &move);
+         n++) {
+      make_all_answers(expander, &move, asleep);
+      space->cut = space->cut || soter_is_stopped(space);
     }
     before |= bit;
   }
 }
 
-bool soter_is_broken(soter_expander* e, const uint64_t* packed, soter_broken* broken) {
-  soter_place* const x = &e->place;
-  if (x->p->properties == 0U && x->m->timeds == 0U) {
+bool soter_is_broken(soter_expander* expander, const uint64_t* packed, soter_broken* broken) {
+  soter_workspace* const space = &expander->space;
+  if (space->p->properties == 0U && space->m->timeds == 0U) {
     return false;
   }
-  if (e->memo != NULL) {
-    return soter_memo_broken(e, packed, broken);
+  if (expander->cache != NULL) {
+    return soter_cache_finds_violation(expander, packed, broken);
   }
-  x->m->unpack(packed, x->there);
-  return soter_violates(x, broken);
+  space->m->unpack(packed, space->there);
+  return soter_finds_violation(space, broken);
 }
 
-void soter_expand_birth(soter_expander* e) {
-  soter_place* const x = &e->place;
-  e->successors.count = 0U;
-  e->broke = false;
-  e->enough = false;
-  x->given = 0U;
+void soter_expand_start(soter_expander* expander) {
+  soter_workspace* const space = &expander->space;
+  expander->successors.count = 0U;
+  expander->broke = false;
+  expander->enough = false;
+  space->given = 0U;
   do {
-    soter_be_born(x);
-    uint64_t* const successor = soter_next_successor(e, 0U);
+    soter_make_start(space);
+    uint64_t* const successor = soter_next_successor(expander, 0U);
     if (successor != NULL) {
-      x->m->pack(x->there, successor);
+      space->m->pack(space->there, successor);
     }
-    spill(e);
-  } while (wants_more(e) && soter_next_picks(x));
-  soter_tell_answers(x, true);
+    spill_successors(expander);
+  } while (wants_more(expander) && soter_next_picks(space));
+  soter_tell_answers(space, true);
 }

@@ -38,13 +38,11 @@ typedef struct {
 } falsifier;
 
 static uint32_t time_now(soter_walk* w) {
-  const int64_t now = soter_schedule_of(w->x.p, w->x.here)->now;
-  const double part = (double)soter_later(now, 0) / ((double)w->x.m->horizon_ns + 1.0);
+  const int64_t now = soter_schedule_of(w->space.p, w->space.here)->now;
+  const double part = (double)soter_later(now, 0) / ((double)w->space.m->horizon_ns + 1.0);
   SOTER_CHECK(part >= 0.0);
   return part < 1.0 ? (uint32_t)(part * TIMES) : TIMES - 1U; /* a late step, after the horizon */
 }
-
-/* ------------------------------------------------------------------ signals */
 
 static uint32_t draw_value(soter_walk* w, uint32_t kind) {
   static const uint32_t how[3][10] = {
@@ -114,14 +112,12 @@ static uint32_t planned(soter_walk* w, uint64_t key, uint32_t kind, uint32_t tim
   return value_at(g, time);
 }
 
-/* ------------------------------------------------------------------ decisions */
-
 /* What is decided: a stream, and which of its choices in this step. */
-static uint64_t choice_key(const soter_place* x) {
-  const uint64_t stream = x->choice[x->given].stream;
+static uint64_t choice_key(const soter_workspace* space) {
+  const uint64_t stream = space->choice[space->given].stream;
   uint64_t before = 0U;
-  for (uint32_t i = 0; i < x->given; i++) {
-    before += x->choice[i].stream == stream ? 1U : 0U;
+  for (uint32_t i = 0; i < space->given; i++) {
+    before += space->choice[i].stream == stream ? 1U : 0U;
   }
   return soter_mix(stream + before);
 }
@@ -131,7 +127,7 @@ static uint32_t decide(soter_walk* w, uint32_t kind, uint32_t count) {
   if (count <= 1U) {
     return 0U;
   }
-  const uint64_t key = kind == 1U ? soter_mix(f->actor) : choice_key(&w->x);
+  const uint64_t key = kind == 1U ? soter_mix(f->actor) : choice_key(&w->space);
   const uint32_t time = time_now(w);
   const uint32_t value = planned(w, key, kind, time);
   switch (value >> 30) {

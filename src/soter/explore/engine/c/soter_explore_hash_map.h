@@ -39,7 +39,7 @@ SOTER_INLINE void* push(list* l, uint32_t many) {
     while (room < l->count + many) {
       room *= 2U;
     }
-    void* const item = soter_regrow(l->item, l->room * l->size, room * l->size);
+    void* const item = soter_reallocate(l->item, l->room * l->size, room * l->size);
     if (item == NULL) {
       return NULL;
     }
@@ -59,16 +59,16 @@ SOTER_INLINE uint64_t map_bytes(const map* m, uint32_t words) {
 SOTER_INLINE bool map_open(map* m, uint32_t words) {
   m->slots = words > WIDE ? FIRST_SLOTS / 64U : FIRST_SLOTS;
   m->used = 0U;
-  m->slot = soter_take(map_bytes(m, words));
+  m->slot = soter_allocate(map_bytes(m, words));
   return m->slot != NULL;
 }
 
 SOTER_INLINE void map_close(map* m, uint32_t words) {
-  soter_give(m->slot, map_bytes(m, words));
+  soter_free(m->slot, map_bytes(m, words));
 }
 
 SOTER_INLINE void list_close(list* l) {
-  soter_give(l->item, l->room * l->size);
+  soter_free(l->item, l->room * l->size);
 }
 
 /* The slot of a key: where it stands, or where it would; behind it is its number, or 0. */
@@ -97,7 +97,7 @@ SOTER_INLINE bool map_grow(map* m, uint32_t words) {
   if (larger.slots > MOST_SLOTS) {
     return false;
   }
-  larger.slot = soter_take(map_bytes(&larger, words));
+  larger.slot = soter_allocate(map_bytes(&larger, words));
   if (larger.slot == NULL) {
     return false;
   }

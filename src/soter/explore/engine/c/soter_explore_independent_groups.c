@@ -4,6 +4,7 @@
  * group may have written when the instant is over depends on the packed bits that its steps may
  * read: its orders and choices are run through once for every value of these, and the ends of the
  * instant are all combinations of what the groups may write. Off unless SOTER_REDUCE_GROUPS is set.
+ * docs/testing.md argues in "Groups within an instant" that these are all ends.
  * Non-goals: models where steps are not remembered; lost releases.
  */
 #include "soter_explore_successors.h"
@@ -57,15 +58,13 @@ struct soter_groups {
 };
 
 bool soter_in_groups(const soter_model* m, const soter_explore_options* o) {
-  bool fine = m->plain && !o->plainly && m->timeds == 0U && soter_by_instants(m, o) &&
-              (o->reduce & SOTER_REDUCE_GROUPS) != 0U;
+  bool ok = m->plain && !o->plainly && m->timeds == 0U && soter_by_instants(m, o) &&
+            (o->reduce & SOTER_REDUCE_GROUPS) != 0U;
   for (uint32_t i = 0; i < m->actors; i++) {
-    fine = fine && m->actor[i].skips == 0U;
+    ok = ok && m->actor[i].skips == 0U;
   }
-  return fine;
+  return ok;
 }
-
-/* ------------------------------------------------------------------ tables */
 
 static bool table_open(table* t, uint32_t words) {
   t->slots = FIRST_SLOTS;
@@ -138,8 +137,6 @@ static int table_put(table* t, const struct soter_groups* q, const uint64_t* pac
   return 1;
 }
 
-/* ------------------------------------------------------------------ opening */
-
 struct soter_groups* soter_groups_open(const soter_model* m, uint64_t memory) {
   struct soter_groups* const q = calloc(1U, sizeof *q);
   if (q == NULL) {
@@ -148,8 +145,8 @@ struct soter_groups* soter_groups_open(const soter_model* m, uint64_t memory) {
   q->words = q->here.words = q->next.words = q->here.width = q->next.width = m->words;
   q->memory = memory;
   q->ones = malloc(m->words * sizeof *q->ones);
-  const bool fine = table_open(&q->when, m->words) && table_open(&q->scratch, m->words);
-  if (!fine || q->ones == NULL) {
+  const bool ok = table_open(&q->when, m->words) && table_open(&q->scratch, m->words);
+  if (!ok || q->ones == NULL) {
     soter_groups_close(q);
     return NULL;
   }
@@ -201,8 +198,6 @@ static void forget(struct soter_groups* q) {
   q->outcome_count = q->value_count = 0U;
 }
 
-/* ------------------------------------------------------------------ which groups there are */
-
 /* What its actors read and write; where one reads of the schedule, all of that is read. */
 static void add_masks(const group* g, const soter_model* m) {
   bool timed = false;
@@ -242,8 +237,8 @@ static uint32_t group_of(struct soter_groups* q, const soter_model* m, uint64_t 
 }
 
 /* Splits those who are due in `here` into groups. */
-static bool split(struct soter_groups* q, const soter_place* x, uint64_t due, instant* n) {
-  const soter_model* const m = x->m;
+static bool split(struct soter_groups* q, const soter_workspace* space, uint64_t due, instant* n) {
+  const soter_model* const m = space->m;
   while (due != 0U) {
     uint64_t set = due & (~due + 1U);
     uint64_t firsts = 0U;
@@ -254,7 +249,7 @@ static bool split(struct soter_groups* q, const soter_place* x, uint64_t due, in
       }
     }
     for (uint32_t i = 0; i < m->actors; i++) {
-      const bool is_first = (set >> i & 1U) != 0U && soter_done_of(m, x->here)[i] == 0U;
+      const bool is_first = (set >> i & 1U) != 0U && soter_done_of(m, space->here)[i] == 0U;
       firsts |= is_first ? UINT64_C(1) << i : 0U;
     }
     const uint32_t g = group_of(q, m, set, firsts);
@@ -269,8 +264,9 @@ static bool split(struct soter_groups* q, const soter_place* x, uint64_t due, in
 }
 
 /* The instant after an end that is unpacked in `here`, added. */
-static const instant* add_instant(struct soter_groups* q, soter_place* x, const uint64_t* packed) {
-  const soter_model* const m = x->m;
+static const instant* add_instant(struct soter_groups* q, soter_workspace* space,
+                                  const uint64_t* packed) {
+  const soter_model* const m = space->m;
   const uint32_t words = q->words;
   instant* const all = realloc(q->instants, (q->instant_count + 1U) * sizeof *all);
   q->instants = all != NULL ? all : q->instants;
@@ -284,18 +280,18 @@ static const instant* add_instant(struct soter_groups* q, soter_place* x, const 
   n->after = masks;
   n->clear = masks + words;
   q->instant_count++;
-  const uint64_t due = soter_enabled(x);
-  if (!split(q, x, due, n)) {
+  const uint64_t due = soter_enabled_actors(space);
+  if (!split(q, space, due, n)) {
     return NULL;
   }
-  (void)memcpy(x->there, x->here, x->size);
-  soter_schedule_of(x->p, x->there)->now = due == 0U ? 0 : x->limit;
-  soter_keep_others(x, x->there);
+  (void)memcpy(space->there, space->here, space->size);
+  soter_schedule_of(space->p, space->there)->now = due == 0U ? 0 : space->limit;
+  soter_keep_others(space, space->there);
   for (uint32_t i = 0; i < m->actors; i++) {
-    soter_done_of(m, x->there)[i] += due >> i & 1U;
+    soter_done_of(m, space->there)[i] += due >> i & 1U;
   }
-  SOTER_CHECK(soter_is_observable(x));
-  m->pack(x->there, n->after);
+  SOTER_CHECK(soter_is_observable(space));
+  m->pack(space->there, n->after);
   for (uint32_t k = 0; k < words; k++) {
     n->after[k] &= m->scheduled[k];
     n->clear[k] = m->scheduled[k];
@@ -306,32 +302,30 @@ static const instant* add_instant(struct soter_groups* q, soter_place* x, const 
   return table_put(&q->when, q, packed, m->scheduled, q->instant_count) < 0 ? NULL : n;
 }
 
-static const instant* instant_of(soter_expander* e, const uint64_t* packed) {
-  struct soter_groups* const q = e->groups;
+static const instant* instant_of(soter_expander* expander, const uint64_t* packed) {
+  struct soter_groups* const q = expander->groups;
   if (soter_groups_bytes(q) > q->memory / 2U) {
     forget(q);
   }
-  soter_place* const x = &e->place;
-  const uint64_t* const at = slot_of(&q->when, q->words, packed, x->m->scheduled);
+  soter_workspace* const space = &expander->space;
+  const uint64_t* const at = slot_of(&q->when, q->words, packed, space->m->scheduled);
   if (at[q->words] != 0U) {
     return &q->instants[at[q->words] - 1U];
   }
-  x->m->unpack(packed, x->here);
-  soter_look(x);
-  return add_instant(q, x, packed);
+  space->m->unpack(packed, space->here);
+  soter_find_windows(space);
+  return add_instant(q, space, packed);
 }
 
-/* ------------------------------------------------------------------ what a group does */
-
 /* New successors, from number `first`, go to `next`. */
-static void take_successors(soter_expander* e, uint32_t first) {
-  struct soter_groups* const q = e->groups;
-  soter_successors* const h = &e->successors;
+static void take_successors(soter_expander* expander, uint32_t first) {
+  struct soter_groups* const q = expander->groups;
+  soter_successors* const h = &expander->successors;
   SOTER_CHECK(first <= h->count);
-  for (uint32_t k = first; k < h->count && !e->no_memory; k++) {
+  for (uint32_t k = first; k < h->count && !expander->no_memory; k++) {
     const uint64_t* const packed = h->packed + (size_t)k * q->words;
     const int fresh = table_put(&q->scratch, q, packed, q->ones, 1U);
-    e->no_memory = fresh < 0 || (fresh == 1 && !soter_row_put(&q->next, packed, 0U, 0U));
+    expander->no_memory = fresh < 0 || (fresh == 1 && !soter_row_put(&q->next, packed, 0U, 0U));
   }
   h->count = first;
 }
@@ -343,28 +337,28 @@ static bool no_more(void* to) {
 }
 
 /* One step further: the successors of all configurations in `here` by this group go to `next`. */
-static bool run_step(soter_expander* e, uint64_t actors, outcome* found) {
-  struct soter_groups* const q = e->groups;
-  const uint32_t first = e->successors.count;
+static bool run_step(soter_expander* expander, uint64_t actors, outcome* found) {
+  struct soter_groups* const q = expander->groups;
+  const uint32_t first = expander->successors.count;
   table_clear(&q->scratch, q->words);
   q->next.count = 0U;
-  for (uint64_t i = 0; i < q->here.count && !e->no_memory; i++) {
-    if (soter_cuts(e)) {
+  for (uint64_t i = 0; i < q->here.count && !expander->no_memory; i++) {
+    if (soter_is_to_end(expander)) {
       return false;
     }
-    soter_expand(e, soter_row_at(&q->here, i), 0U, actors);
-    if (e->memo == NULL) {
-      e->successors.count = first;
+    soter_expand(expander, soter_row_at(&q->here, i), 0U, actors);
+    if (expander->cache == NULL) {
+      expander->successors.count = first;
       return false;
     }
-    if (e->broke && !found->broke) {
+    if (expander->broke && !found->broke) {
       found->broke = true;
-      found->broken = e->broken;
+      found->broken = expander->broken;
     }
-    take_successors(e, first);
-    e->no_memory = e->no_memory || soter_groups_bytes(q) > q->memory;
+    take_successors(expander, first);
+    expander->no_memory = expander->no_memory || soter_groups_bytes(q) > q->memory;
   }
-  return !e->no_memory;
+  return !expander->no_memory;
 }
 
 /* Keeps what is written in the configurations of `here`. */
@@ -411,59 +405,57 @@ static bool keep_outcome(struct soter_groups* q, const outcome* found) {
 }
 
 /* Runs a group through the instant, and remembers what it does. */
-static bool run_group(soter_expander* e, uint32_t number, const uint64_t* packed) {
-  struct soter_groups* const q = e->groups;
+static bool run_group(soter_expander* expander, uint32_t number, const uint64_t* packed) {
+  struct soter_groups* const q = expander->groups;
   outcome found = {0U, 0U, false, {0U, 0U}};
-  const uint32_t reduce = e->reduce;
+  const uint32_t reduce = expander->reduce;
   const uint64_t actors = q->group[number].actors;
-  bool (*const spill)(void* to) = e->spill;
-  bool fine = true;
+  bool (*const spill)(void* to) = expander->spill;
+  bool ok = true;
   q->here.count = 0U;
-  e->reduce = 0U; /* all orders within the group */
-  e->spill = no_more;
-  fine = soter_row_put(&q->here, packed, 0U, 0U);
-  for (int step = 0; fine && step < __builtin_popcountll(actors); step++) {
-    fine = run_step(e, actors, &found);
+  expander->reduce = 0U; /* all orders within the group */
+  expander->spill = no_more;
+  ok = soter_row_put(&q->here, packed, 0U, 0U);
+  for (int step = 0; ok && step < __builtin_popcountll(actors); step++) {
+    ok = run_step(expander, actors, &found);
     const soter_row swap = q->here;
     q->here = q->next;
     q->next = swap;
   }
-  e->reduce = reduce;
-  e->spill = spill;
+  expander->reduce = reduce;
+  expander->spill = spill;
   group* const g = &q->group[number];
-  if (!fine || e->memo == NULL) {
-    e->no_memory = e->no_memory || (!e->place.cut && e->memo != NULL);
+  if (!ok || expander->cache == NULL) {
+    expander->no_memory = expander->no_memory || (!expander->space.cut && expander->cache != NULL);
     return false;
   }
-  fine = keep_values(q, g, &found) && keep_outcome(q, &found) &&
-         table_put(&g->known, q, packed, g->reads, q->outcome_count) == 1;
-  e->no_memory = e->no_memory || !fine;
-  return fine;
+  ok = keep_values(q, g, &found) && keep_outcome(q, &found) &&
+       table_put(&g->known, q, packed, g->reads, q->outcome_count) == 1;
+  expander->no_memory = expander->no_memory || !ok;
+  return ok;
 }
 
-/* ------------------------------------------------------------------ the ends that come next */
-
 /* Where one combination goes, as a successor; false: no more are wanted. */
-static bool add_end(soter_expander* e, const uint64_t* packed, const instant* n,
+static bool add_end(soter_expander* expander, const uint64_t* packed, const instant* n,
                     const outcome* const* done, const uint32_t* at) {
-  const struct soter_groups* const q = e->groups;
+  const struct soter_groups* const q = expander->groups;
   const uint32_t words = q->words;
-  uint64_t* const successor = soter_next_successor(e, 0U);
+  uint64_t* const successor = soter_next_successor(expander, 0U);
   for (uint32_t k = 0; successor != NULL && k < words; k++) {
     successor[k] = (packed[k] & ~n->clear[k]) | n->after[k];
     for (uint32_t i = 0; i < n->groups; i++) {
       successor[k] |= q->value[(done[i]->first + at[i]) * words + k];
     }
   }
-  e->transitions++;
-  e->combined++;
+  expander->transitions++;
+  expander->combined++;
   SOTER_CHECK(n->groups <= SOTER_ACTORS);
-  const bool many = e->successors.count >= e->most && e->spill != NULL;
-  return successor != NULL && (!many || e->spill(e->to));
+  const bool many = expander->successors.count >= expander->most && expander->spill != NULL;
+  return successor != NULL && (!many || expander->spill(expander->to));
 }
 
 /* All combinations of what the groups may write. */
-static void combine(soter_expander* e, const uint64_t* packed, const instant* n,
+static void combine(soter_expander* expander, const uint64_t* packed, const instant* n,
                     const outcome* const* done) {
   uint32_t at[SOTER_ACTORS] = {0U};
   uint32_t g = 0U;
@@ -473,7 +465,7 @@ static void combine(soter_expander* e, const uint64_t* packed, const instant* n,
     }
   }
   while (g < n->groups) {
-    if (!add_end(e, packed, n, done, at)) {
+    if (!add_end(expander, packed, n, done, at)) {
       return;
     }
     for (g = 0U; g < n->groups && ++at[g] == done[g]->count; g++) {
@@ -495,15 +487,16 @@ static bool is_vain(const struct soter_groups* q, const instant* n) {
 }
 
 /* Numbers of the outcomes of all groups, looked up or computed. */
-static bool look_up(soter_expander* e, const uint64_t* packed, const instant* n, uint64_t* number) {
-  const struct soter_groups* const q = e->groups;
+static bool look_up(soter_expander* expander, const uint64_t* packed, const instant* n,
+                    uint64_t* number) {
+  const struct soter_groups* const q = expander->groups;
   for (uint32_t i = 0; i < n->groups; i++) {
     group* const g = &q->group[n->group[i]];
     const uint64_t* at = slot_of(&g->known, q->words, packed, g->reads);
     g->asked++;
     if (at[q->words] == 0U) {
       g->ran++;
-      if (!run_group(e, n->group[i], packed)) {
+      if (!run_group(expander, n->group[i], packed)) {
         return false;
       }
       at = slot_of(&g->known, q->words, packed, g->reads);
@@ -514,16 +507,16 @@ static bool look_up(soter_expander* e, const uint64_t* packed, const instant* n,
   return true;
 }
 
-bool soter_groups_expand(soter_expander* e, const uint64_t* packed) {
-  struct soter_groups* const q = e->groups;
+bool soter_groups_expand(soter_expander* expander, const uint64_t* packed) {
+  struct soter_groups* const q = expander->groups;
   const outcome* done[SOTER_ACTORS];
   uint64_t number[SOTER_ACTORS];
-  if (e->memo == NULL) {
+  if (expander->cache == NULL) {
     return false; /* what was remembered of steps was not enough */
   }
-  const instant* const n = instant_of(e, packed);
+  const instant* const n = instant_of(expander, packed);
   if (n == NULL) {
-    e->no_memory = true;
+    expander->no_memory = true;
     return true;
   }
   if (is_vain(q, n)) {
@@ -531,16 +524,16 @@ bool soter_groups_expand(soter_expander* e, const uint64_t* packed) {
   }
   bool broke = false;
   soter_broken broken = {0U, 0U};
-  if (!look_up(e, packed, n, number)) {
-    return e->memo != NULL; /* interrupted, or no memory */
+  if (!look_up(expander, packed, n, number)) {
+    return expander->cache != NULL; /* interrupted, or no memory */
   }
   for (uint32_t i = 0; i < n->groups; i++) {
     done[i] = &q->outcome[number[i]];
     broken = !broke && done[i]->broke ? done[i]->broken : broken;
     broke = broke || done[i]->broke;
   }
-  combine(e, packed, n, done);
-  e->broke = broke;
-  e->broken = broke ? broken : e->broken;
+  combine(expander, packed, n, done);
+  expander->broke = broke;
+  expander->broken = broke ? broken : expander->broken;
   return true;
 }

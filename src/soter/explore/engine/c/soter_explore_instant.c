@@ -5,8 +5,8 @@
  * and choices are run through with a scratch set, and only the ends are given to the search, which
  * stores nothing else. What the scratch set has forgotten is run through again, so it may be
  * forgotten at any time; it is at the beginning of an instant, when it has become large.
- * Non-goals: windows that are no points: there the reduction is off (soter_explore_calendar.c); the
- * way back (soter_explore_trace_steps.c).
+ * Non-goals: windows that are no points: there the reduction is off
+ * (soter_explore_known_instants.c); the way back (soter_explore_trace_steps.c).
  */
 #include "soter_explore_internal.h"
 
@@ -29,8 +29,6 @@ struct soter_instant {
   void* to;
 };
 
-/* ------------------------------------------------------------------ the scratch set */
-
 struct soter_instant* soter_instant_open(const soter_model* m, uint64_t memory) {
   struct soter_instant* const t = calloc(1U, sizeof *t);
   if (t == NULL) {
@@ -43,7 +41,7 @@ struct soter_instant* soter_instant_open(const soter_model* m, uint64_t memory) 
   t->memory = memory;
   t->large = memory / (SHARE * 2U * t->width * sizeof *t->slot);
   t->large = t->large > LARGE ? LARGE : t->large;
-  t->slot = soter_take(t->slots * t->width * sizeof *t->slot);
+  t->slot = soter_allocate(t->slots * t->width * sizeof *t->slot);
   if (t->slot == NULL) {
     free(t);
     return NULL;
@@ -53,7 +51,7 @@ struct soter_instant* soter_instant_open(const soter_model* m, uint64_t memory) 
 
 void soter_instant_close(struct soter_instant* t) {
   if (t != NULL) {
-    soter_give(t->slot, t->slots * t->width * sizeof *t->slot);
+    soter_free(t->slot, t->slots * t->width * sizeof *t->slot);
     soter_row_close(&t->row);
     free(t);
   }
@@ -91,7 +89,7 @@ static bool grow(struct soter_instant* t) {
   if (larger.slots * t->width * sizeof *t->slot > t->memory) {
     return false;
   }
-  larger.slot = soter_take(larger.slots * t->width * sizeof *larger.slot);
+  larger.slot = soter_allocate(larger.slots * t->width * sizeof *larger.slot);
   if (larger.slot == NULL) {
     return false;
   }
@@ -101,7 +99,7 @@ static bool grow(struct soter_instant* t) {
       (void)memcpy(slot_of(&larger, from), from, t->width * sizeof *from);
     }
   }
-  soter_give(t->slot, t->slots * t->width * sizeof *t->slot);
+  soter_free(t->slot, t->slots * t->width * sizeof *t->slot);
   *t = larger;
   return true;
 }
@@ -126,54 +124,52 @@ int soter_instant_put(struct soter_instant* t, const uint64_t* packed, uint64_t*
   return 1;
 }
 
-/* ------------------------------------------------------------------ to the next ends */
-
 static void break_off(struct soter_instant* t, const soter_broken* found) {
   t->broken = t->broke ? t->broken : *found;
   t->broke = true;
   SOTER_CHECK(t->round > 0U);
 }
 
-bool soter_is_late(soter_expander* e, const uint64_t* packed, soter_broken* broken) {
-  return e->place.m->timeds > 0U && soter_is_broken(e, packed, broken);
+bool soter_is_late(soter_expander* expander, const uint64_t* packed, soter_broken* broken) {
+  return expander->space.m->timeds > 0U && soter_is_broken(expander, packed, broken);
 }
 
 /* What lies in the middle is judged, and waits to be run through. */
-static void let_wait(soter_expander* e, const uint64_t* packed, uint64_t sleep) {
-  struct soter_instant* const t = e->instant;
+static void let_wait(soter_expander* expander, const uint64_t* packed, uint64_t sleep) {
+  struct soter_instant* const t = expander->instant;
   uint64_t again = 0U;
   soter_broken found;
   const int fresh = soter_instant_put(t, packed, &sleep, &again);
-  e->no_memory = e->no_memory || fresh < 0;
+  expander->no_memory = expander->no_memory || fresh < 0;
   SOTER_CHECK(fresh <= 0 || again == 0U);
-  if (fresh == 1 && soter_is_late(e, packed, &found)) {
-    if (!soter_is_known(&e->place, &found)) {
+  if (fresh == 1 && soter_is_late(expander, packed, &found)) {
+    if (!soter_is_known(&expander->space, &found)) {
       break_off(t, &found);
     }
   } else if (fresh == 1 || again != 0U) {
-    const bool fine = soter_row_put(&t->row, packed, sleep, fresh == 1 ? UINT64_MAX : again);
-    e->no_memory = e->no_memory || !fine;
+    const bool ok = soter_row_put(&t->row, packed, sleep, fresh == 1 ? UINT64_MAX : again);
+    expander->no_memory = expander->no_memory || !ok;
   }
 }
 
 /* Sorts the successors from number `first`: ends stay, what lies in the middle goes on to be run
  * through. */
-static void sort_successors(soter_expander* e, uint32_t first) {
-  struct soter_instant* const t = e->instant;
-  soter_successors* const h = &e->successors;
+static void sort_successors(soter_expander* expander, uint32_t first) {
+  struct soter_instant* const t = expander->instant;
+  soter_successors* const h = &expander->successors;
   uint32_t kept = first;
   SOTER_CHECK(first <= h->count);
-  for (uint32_t k = first; k < h->count && !e->no_memory; k++) {
+  for (uint32_t k = first; k < h->count && !expander->no_memory; k++) {
     const uint64_t* const packed = h->packed + (size_t)k * t->words;
     uint64_t sleep = 0U;
     uint64_t again = 0U;
     if (h->sleep[k] != SOTER_AT_END) {
-      let_wait(e, packed, h->sleep[k]);
+      let_wait(expander, packed, h->sleep[k]);
       continue;
     }
     /* where there are very many it is the table that tells them apart */
     const int fresh = t->used > t->large ? 1 : soter_instant_put(t, packed, &sleep, &again);
-    e->no_memory = fresh < 0;
+    expander->no_memory = fresh < 0;
     if (fresh == 1) {
       soter_copy_words(h->packed + (size_t)kept * t->words, packed, t->words);
       h->sleep[kept++] = 0U;
@@ -185,37 +181,38 @@ static void sort_successors(soter_expander* e, uint32_t first) {
 /* Where one step has very many successors: the middle is sorted out, and the ends are taken away if
  * they are very many. False: no more are wanted. */
 static bool sort_out(void* to) {
-  soter_expander* const e = to;
-  struct soter_instant* const t = e->instant;
-  sort_successors(e, t->first);
-  e->no_memory = e->no_memory || soter_instant_bytes(t) > t->memory;
-  const bool many = !e->no_memory && e->successors.count >= e->most && t->spill != NULL;
+  soter_expander* const expander = to;
+  struct soter_instant* const t = expander->instant;
+  sort_successors(expander, t->first);
+  expander->no_memory = expander->no_memory || soter_instant_bytes(t) > t->memory;
+  const bool many =
+      !expander->no_memory && expander->successors.count >= expander->most && t->spill != NULL;
   const bool more = !many || t->spill(t->to);
-  t->first = e->successors.count;
-  return more && !e->no_memory;
+  t->first = expander->successors.count;
+  return more && !expander->no_memory;
 }
 
 /* Runs through what waits. */
-static void run_row(soter_expander* e) {
-  struct soter_instant* const t = e->instant;
+static void run_row(soter_expander* expander) {
+  struct soter_instant* const t = expander->instant;
   uint64_t item[SOTER_WORDS + 2U];
   bool enough = false;
-  while (t->row.count > 0U && !e->no_memory && !enough && !soter_cuts(e)) {
+  while (t->row.count > 0U && !expander->no_memory && !enough && !soter_is_to_end(expander)) {
     t->row.count--;
     soter_copy_words(item, soter_row_at(&t->row, t->row.count), t->width);
-    t->first = e->successors.count;
-    soter_expand(e, item, item[t->words], item[t->words + 1U]);
-    if (e->broke) {
-      break_off(t, &e->broken);
+    t->first = expander->successors.count;
+    soter_expand(expander, item, item[t->words], item[t->words + 1U]);
+    if (expander->broke) {
+      break_off(t, &expander->broken);
     }
     /* also where that was the last one: what lies in the middle is never given to the search */
-    const bool more = sort_out(e);
-    enough = e->enough || (t->broke && !e->go_on) || !more;
+    const bool more = sort_out(expander);
+    enough = expander->enough || (t->broke && !expander->go_on) || !more;
   }
 }
 
-static void run_through(soter_expander* e, const uint64_t* packed) {
-  struct soter_instant* const t = e->instant;
+static void run_through(soter_expander* expander, const uint64_t* packed) {
+  struct soter_instant* const t = expander->instant;
   if (t->used > t->large) {
     t->used = 0U;
     t->round++;
@@ -223,26 +220,27 @@ static void run_through(soter_expander* e, const uint64_t* packed) {
   SOTER_CHECK(t->row.count == 0U);
   t->broke = false;
   /* what was lost before this instant stays lost: the search looks later */
-  e->no_memory = !soter_row_put(&t->row, packed, 0U, UINT64_MAX) || e->no_memory;
-  t->spill = e->spill;
-  t->to = e->to;
-  e->spill = sort_out;
-  e->to = e;
-  run_row(e);
-  e->spill = t->spill;
-  e->to = t->to;
+  expander->no_memory = !soter_row_put(&t->row, packed, 0U, UINT64_MAX) || expander->no_memory;
+  t->spill = expander->spill;
+  t->to = expander->to;
+  expander->spill = sort_out;
+  expander->to = expander;
+  run_row(expander);
+  expander->spill = t->spill;
+  expander->to = t->to;
   t->row.count = 0U; /* of what was stopped, too */
-  e->broke = t->broke;
-  e->broken = t->broken;
+  expander->broke = t->broke;
+  expander->broken = t->broken;
 }
 
-void soter_expand_next(soter_expander* e, const uint64_t* packed, uint64_t sleep, uint64_t only) {
-  if (e->instant == NULL) {
-    soter_expand(e, packed, sleep, only);
+void soter_expand_next(soter_expander* expander, const uint64_t* packed, uint64_t sleep,
+                       uint64_t only) {
+  if (expander->instant == NULL) {
+    soter_expand(expander, packed, sleep, only);
     return;
   }
   SOTER_CHECK(sleep == 0U && only == UINT64_MAX);
-  if (e->groups == NULL || !soter_groups_expand(e, packed)) {
-    run_through(e, packed);
+  if (expander->groups == NULL || !soter_groups_expand(expander, packed)) {
+    run_through(expander, packed);
   }
 }

@@ -1,17 +1,14 @@
 /* soter_explore_internal.h: what the files of the explorer share (not for drivers).
  *
- * - soter_explore_step.c: which moves a configuration has, what a move does, what it violates
- * - soter_explore_ample_sets.c: sleep sets and ample sets
- * - soter_explore_store.c: the table of packed configurations; _memory.c its memory
- * - soter_explore_expand.c: the successors of a configuration; _transition_cache.c remembers them
- * - soter_explore_expander.c: what expands, opened and closed
- * - soter_explore_rows.c: rows of configurations
- * - soter_explore_instant.c: only ends of instants; _calendar.c whether that is all; _trace_steps.c
- *   the steps between two of them
- * - soter_explore_independent_groups.c: what groups of actors do in an instant, remembered
- * - soter_explore_properties_across_parts.c: properties of parts that share nothing else
- * - a file a strategy: _bfs, _random, _falsify; _replay
- * - soter_explore_shortest_trace.c minimises; _guided_execution.c runs what shrinking tries
+ * Purpose: declare it. Each file says in its head what it is for; where one leaves out moves or
+ * configurations, the argument stands in docs/testing.md, "Reduction", under the name in quotes:
+ * - soter_explore_sound_reductions.c: "Sleep sets", "Ample sets"
+ * - soter_explore_instant.c, _known_instants.c: "Ends of instants"
+ * - soter_explore_independent_groups.c: "Groups within an instant"
+ * - soter_explore_bfs.c: "Layers"; soter_explore_repeated_layers.c: "For ever"
+ * - soter_explore_properties_across_parts.c: "Joined parts"
+ * - soter_explore_transition_cache.c: "Remembered steps" (of "How it is stored and made fast")
+ * Non-goals: what Python and generated code see (soter_explore.h).
  */
 #ifndef SOTER_EXPLORE_INTERNAL_H
 #define SOTER_EXPLORE_INTERNAL_H
@@ -25,8 +22,6 @@
 
 #define SOTER_NO_DEADLINE INT64_MAX
 #define SOTER_NOTHING UINT32_MAX
-
-/* ------------------------------------------------------------------ moves */
 
 typedef enum {
   SOTER_STEP = 0,
@@ -42,13 +37,12 @@ typedef struct {
   int64_t release, time; /* ns */
 } soter_move;
 
-/* What the next thing of an actor is: a step (or the effect of one that runs) within [low, high].
- */
+/* When an actor's next step (or the effect of one that runs) may happen: in [low, high]. */
 typedef struct {
   int64_t low, high; /* low SOTER_NO_DEADLINE: nothing is left */
 } soter_window;
 
-/* A place to work: one per thread. */
+/* What a thread works with: two unpacked configurations, and the move between them. */
 typedef struct {
   const soter_model* m;
   const soter_program* p;
@@ -76,28 +70,29 @@ typedef struct {
   bool many;     /* the step just made asked for more choices than there is room for */
   bool too_many; /* some step did: */
   uint32_t chooser;
-} soter_place;
+} soter_workspace;
 
 /* `o` NULL: the whole system, seed 0. */
-bool soter_place_open(soter_place* x, const soter_model* m, const soter_explore_options* o,
-                      soter_explore_progress* progress, soter_explore_coverage* coverage);
-void soter_place_close(soter_place* x);
+bool soter_workspace_open(soter_workspace* space, const soter_model* m,
+                          const soter_explore_options* o, soter_explore_progress* progress,
+                          soter_explore_coverage* coverage);
+void soter_workspace_close(soter_workspace* space);
 
 /* Those who are not looked at have always done what they must: their part of a configuration never
- * changes.
- */
-void soter_keep_others(const soter_place* x, void* configuration);
+ * changes. */
+void soter_keep_others(const soter_workspace* space, void* configuration);
 
-SOTER_INLINE bool soter_is_part(const soter_place* x, uint32_t actor) {
-  return (x->actors >> actor & 1U) != 0U;
+SOTER_INLINE bool soter_is_part(const soter_workspace* space, uint32_t actor) {
+  return (space->actors >> actor & 1U) != 0U;
 }
 
 /* Looks at the configuration in `here`: windows and limit. */
-void soter_look(soter_place* x);
+void soter_find_windows(soter_workspace* space);
 
 /* Whether an actor may move in `here`. */
-SOTER_INLINE bool soter_may_move(const soter_place* x, uint32_t actor) {
-  return x->window[actor].low <= x->limit && (x->turn == SOTER_NOTHING || x->turn == actor);
+SOTER_INLINE bool soter_may_move(const soter_workspace* space, uint32_t actor) {
+  return space->window[actor].low <= space->limit &&
+         (space->turn == SOTER_NOTHING || space->turn == actor);
 }
 
 /* Of those who may move now: whoever is next, where the order within an instant is declared. */
@@ -105,47 +100,46 @@ SOTER_INLINE uint64_t soter_in_order(const soter_model* m, uint64_t set) {
   return m->ordered ? set & (~set + 1U) : set;
 }
 
-/* The moves of an actor in `here`, one after the other: number 0, 1, ...; false: there are no more.
- */
-bool soter_move_of(const soter_place* x, uint32_t actor, uint32_t number, soter_move* move);
+/* The moves of an actor in `here` by their number: 0, 1, ...; false: there are no more. */
+bool soter_move_of(const soter_workspace* space, uint32_t actor, uint32_t number, soter_move* move);
 
-/* Makes a move from `here` into `there` with the picks in x->choice[0..given); `false` and *broken
- * where a contract is violated or a trusted component faults: then there is no configuration after
- * it. */
-bool soter_make(soter_place* x, const soter_move* move, soter_broken* broken);
+/* Makes a move from `here` into `there` with the picks in space->choice[0..given); `false` and
+ * *broken where a contract is violated or a trusted component faults: then there is no
+ * configuration after it. */
+bool soter_make_move(soter_workspace* space, const soter_move* move, soter_broken* broken);
 
 /* Whether somebody wants the search to end. */
-SOTER_INLINE bool soter_is_stopped(const soter_place* x) {
-  return x->progress != NULL && x->progress->stop != 0;
+SOTER_INLINE bool soter_is_stopped(const soter_workspace* space) {
+  return space->progress != NULL && space->progress->stop != 0;
 }
 
 /* Tells how many answers of a step were tried, where that takes long. */
-SOTER_INLINE void soter_tell_answers(soter_place* x, bool all) {
+SOTER_INLINE void soter_tell_answers(soter_workspace* space, bool all) {
   const uint64_t many = UINT64_C(1) << 16;
-  if (x->progress != NULL && x->tried >= many && (all || x->tried % many == 0U)) {
-    x->progress->answers = all ? 0U : x->tried;
+  if (space->progress != NULL && space->tried >= many && (all || space->tried % many == 0U)) {
+    space->progress->answers = all ? 0U : space->tried;
   }
-  x->tried = all ? 0U : x->tried;
+  space->tried = all ? 0U : space->tried;
 }
 
 /* The next sequence of picks for the same move; false: all were made, or (`cut`) it is stopped: the
  * answers of one step may be more than can ever be tried. Of a step that asks for too many choices
  * the first answer is made. Begin with given = 0. */
-SOTER_INLINE bool soter_next_picks(soter_place* x) {
-  uint32_t i = x->taken;
+SOTER_INLINE bool soter_next_picks(soter_workspace* space) {
+  uint32_t i = space->taken;
   SOTER_CHECK(i <= SOTER_CHOICES);
-  while (i > 0U && x->choice[i - 1U].pick + 1U >= x->choice[i - 1U].count) {
+  while (i > 0U && space->choice[i - 1U].pick + 1U >= space->choice[i - 1U].count) {
     i--;
   }
-  if (i == 0U || x->many || soter_is_stopped(x)) {
-    x->cut = x->cut || (i > 0U && !x->many);
-    soter_tell_answers(x, true);
+  if (i == 0U || space->many || soter_is_stopped(space)) {
+    space->cut = space->cut || (i > 0U && !space->many);
+    soter_tell_answers(space, true);
     return false;
   }
-  x->tried++;
-  soter_tell_answers(x, false);
-  x->choice[i - 1U].pick++;
-  x->given = i;
+  space->tried++;
+  soter_tell_answers(space, false);
+  space->choice[i - 1U].pick++;
+  space->given = i;
   return true;
 }
 
@@ -154,12 +148,12 @@ SOTER_INLINE bool soter_same_broken(const soter_broken* a, const soter_broken* b
 }
 
 /* Whether it is known already that this can be violated: then it does not end the search. */
-SOTER_INLINE bool soter_is_known(const soter_place* x, const soter_broken* broken) {
-  if (x->wanted != NULL) {
-    return !soter_same_broken(x->wanted, broken);
+SOTER_INLINE bool soter_is_known(const soter_workspace* space, const soter_broken* broken) {
+  if (space->wanted != NULL) {
+    return !soter_same_broken(space->wanted, broken);
   }
-  for (uint32_t i = 0; i < x->knowns; i++) {
-    if (soter_same_broken(&x->known[i], broken)) {
+  for (uint32_t i = 0; i < space->knowns; i++) {
+    if (soter_same_broken(&space->known[i], broken)) {
       return true;
     }
   }
@@ -167,33 +161,32 @@ SOTER_INLINE bool soter_is_known(const soter_place* x, const soter_broken* broke
 }
 
 /* Whether time may pass in the configuration in `there`. */
-bool soter_is_observable(soter_place* x);
+bool soter_is_observable(soter_workspace* space);
 
 /* Whether nobody has a step left in `there`. */
-bool soter_at_the_end(soter_place* x);
+bool soter_at_the_end(soter_workspace* space);
 
 /* Whether the configuration in `there` violates a property, and which: one that is not known, if
  * any. */
-bool soter_violates(soter_place* x, soter_broken* broken);
-void soter_cover(soter_place* x, uint32_t actor);
+bool soter_finds_violation(soter_workspace* space, soter_broken* broken);
+void soter_note_coverage(soter_workspace* space, uint32_t actor);
 
 /* What is owed changes where it can be seen: in the configuration in `there`, which a move has
  * made. */
-void soter_keep_obligations(soter_place* x);
+void soter_keep_obligations(soter_workspace* space);
 
 /* Makes the first configurations, one for every sequence of initial choices: `there` after each
  * call; begin with given = 0 and go on while soter_next_picks. */
-void soter_be_born(soter_place* x);
+void soter_make_start(soter_workspace* space);
 
-/* ------------------------------------------------------------------ reduction */
+/* The reductions that are sound for a model, of those that the options ask for. */
+uint32_t soter_sound_reductions(const soter_model* m, const soter_explore_options* o);
 
 /* The actors whose moves from `here` are enough, of those in `enabled`. */
-uint64_t soter_ample(const soter_place* x, uint64_t enabled);
+uint64_t soter_ample_set(const soter_workspace* space, uint64_t enabled);
 
 /* All actors that may move in `here`. */
-uint64_t soter_enabled(const soter_place* x);
-
-/* ------------------------------------------------------------------ the table */
+uint64_t soter_enabled_actors(const soter_workspace* space);
 
 typedef struct {
   uint8_t* base;                  /* as allocated, */
@@ -250,9 +243,9 @@ SOTER_INLINE uint64_t soter_store_bytes(const soter_store* s) {
 int soter_store_put(soter_store* s, const uint64_t* packed, uint64_t* sleep, uint64_t* again);
 bool soter_store_has(const soter_store* s, const uint64_t* packed);
 /* Keeps a table beyond its search, with others (soter_explore_kept). */
-void* soter_keep(void* others, soter_store* s);
+void* soter_keep_table(void* others, soter_store* s);
 /* Both, as one. */
-void* soter_keep_all(void* others, void* more);
+void* soter_join_kept(void* others, void* more);
 /* All that is in tables that are kept. */
 void soter_kept_each(const void* kept, void (*each)(void* to, const uint64_t* packed), void* to);
 /* What stands in the table for a packed configuration; with it, putting. */
@@ -334,8 +327,6 @@ SOTER_INLINE uint64_t soter_fingerprint(const uint64_t* packed, uint32_t words) 
   return a == 0U ? 1U : a;
 }
 
-/* ------------------------------------------------------------------ successors */
-
 /* What one expansion found: packed configurations one after the other, and what then sleeps. */
 typedef struct {
   uint64_t* packed;
@@ -343,7 +334,7 @@ typedef struct {
   uint32_t count, room;
 } soter_successors;
 
-struct soter_memo;
+struct soter_cache;
 struct soter_instant;
 struct soter_groups;
 
@@ -355,11 +346,11 @@ struct soter_groups;
  * bits that it may read, and remembered (soter_explore_transition_cache.c); otherwise
  * configurations are unpacked. */
 typedef struct {
-  soter_place place;
+  soter_workspace space;
   soter_successors successors;
   uint32_t reduce;
   uint32_t words;
-  struct soter_memo* memo;       /* NULL: nothing is remembered */
+  struct soter_cache* cache;     /* NULL: nothing is remembered */
   struct soter_instant* instant; /* NULL: all configurations are given to the search */
   struct soter_groups* groups;   /* NULL: not by groups */
   uint64_t transitions;
@@ -381,15 +372,16 @@ typedef struct {
   bool enough;               /* no more successors of this configuration */
 } soter_expander;
 
-void soter_expander_close(soter_expander* e);
+void soter_expander_close(soter_expander* expander);
 
 /* All moves of a configuration that the reduction asks for: `only` says which actors (a mask),
  * `sleep` which of them sleep. The successors of the last call are overwritten. */
-void soter_expand(soter_expander* e, const uint64_t* packed, uint64_t sleep, uint64_t only);
+void soter_expand(soter_expander* expander, const uint64_t* packed, uint64_t sleep, uint64_t only);
 
 /* The same, or, where only ends of instants are stored, the ends that come next: no successor
  * sleeps. What breaks something in the middle is `broken`. */
-void soter_expand_next(soter_expander* e, const uint64_t* packed, uint64_t sleep, uint64_t only);
+void soter_expand_next(soter_expander* expander, const uint64_t* packed, uint64_t sleep,
+                       uint64_t only);
 
 /* Whether all windows are points: every execution goes from one end of an instant to the next. */
 bool soter_has_instants(const soter_model* m);
@@ -399,10 +391,10 @@ bool soter_by_instants(const soter_model* m, const soter_explore_options* o);
 typedef struct {
   int64_t now;
   uint32_t instants, steps;
-} soter_calendar;
+} soter_instant_count;
 /* Counts on to `instants`; a zeroed one has counted none. Returns the steps. */
-uint32_t soter_steps_until(const soter_model* m, const soter_explore_options* o, soter_calendar* c,
-                           uint32_t instants);
+uint32_t soter_steps_until(const soter_model* m, const soter_explore_options* o,
+                           soter_instant_count* c, uint32_t instants);
 /* The scratch set of one expander. */
 struct soter_instant* soter_instant_open(const soter_model* m, uint64_t memory);
 void soter_instant_close(struct soter_instant* t);
@@ -411,7 +403,7 @@ uint64_t soter_instant_bytes(const struct soter_instant* t);
 int soter_instant_put(struct soter_instant* t, const uint64_t* packed, uint64_t* sleep,
                       uint64_t* again);
 /* Whether a mid of an instant violates a property: it can only be too late for something. */
-bool soter_is_late(soter_expander* e, const uint64_t* packed, soter_broken* broken);
+bool soter_is_late(soter_expander* expander, const uint64_t* packed, soter_broken* broken);
 /* How many bytes more it may take. */
 void soter_instant_allow(struct soter_instant* t, uint64_t more);
 
@@ -422,36 +414,37 @@ struct soter_groups* soter_groups_open(const soter_model* m, uint64_t memory);
 void soter_groups_close(struct soter_groups* q);
 uint64_t soter_groups_bytes(const struct soter_groups* q);
 /* soter_expand_next by groups; false: nothing was done, it has to be done otherwise. */
-bool soter_groups_expand(soter_expander* e, const uint64_t* packed);
+bool soter_groups_expand(soter_expander* expander, const uint64_t* packed);
 
 /* Whether a table has to keep what sleeps. */
-SOTER_INLINE bool soter_keeps_sleep(const soter_expander* e) {
-  return (e->reduce & SOTER_REDUCE_SLEEP) != 0U && e->instant == NULL;
+SOTER_INLINE bool soter_keeps_sleep(const soter_expander* expander) {
+  return (expander->reduce & SOTER_REDUCE_SLEEP) != 0U && expander->instant == NULL;
 }
 
 /* Whether so many steps were run as a search may run that only looks which reduction is quicker. */
-SOTER_INLINE bool soter_ran_enough(const soter_expander* e) {
-  return e->max_ran > 0U && e->transitions - e->combined >= e->max_ran;
+SOTER_INLINE bool soter_ran_enough(const soter_expander* expander) {
+  return expander->max_ran > 0U && expander->transitions - expander->combined >= expander->max_ran;
 }
 
 /* Whether the search is to end: then successors are missing. */
-SOTER_INLINE bool soter_cuts(soter_expander* e) {
-  e->place.cut = e->place.cut || soter_is_stopped(&e->place) || soter_ran_enough(e);
-  return e->place.cut;
+SOTER_INLINE bool soter_is_to_end(soter_expander* expander) {
+  expander->space.cut =
+      expander->space.cut || soter_is_stopped(&expander->space) || soter_ran_enough(expander);
+  return expander->space.cut;
 }
 
-SOTER_INLINE void soter_forget(soter_expander* e) {
-  e->successors.count = 0U;
+SOTER_INLINE void soter_forget_successors(soter_expander* expander) {
+  expander->successors.count = 0U;
 }
 
 /* Whether a packed configuration violates a property. */
-bool soter_is_broken(soter_expander* e, const uint64_t* packed, soter_broken* broken);
+bool soter_is_broken(soter_expander* expander, const uint64_t* packed, soter_broken* broken);
 
 /* The configurations at the start, as successors. */
-void soter_expand_birth(soter_expander* e);
+void soter_expand_start(soter_expander* expander);
 
 /* Makes room for more successors; false: there is no memory. */
-bool soter_more_successors(soter_expander* e);
+bool soter_more_successors(soter_expander* expander);
 
 #ifndef SOTER_BATCH      /* tests stop anywhere */
 #define SOTER_BATCH 512U /* configurations that are expanded at once, at most; */
@@ -459,19 +452,22 @@ bool soter_more_successors(soter_expander* e);
 #define SOTER_BATCH_SUCCESSORS 4096U /* with so many successors */
 
 /* At most `memory` bytes, more or less. */
-struct soter_memo* soter_memo_open(soter_expander* e, uint64_t memory);
-void soter_memo_close(struct soter_memo* memo);
-uint64_t soter_memo_bytes(const struct soter_memo* memo);
+struct soter_cache* soter_cache_open(soter_expander* expander, uint64_t memory);
+void soter_cache_close(struct soter_cache* cache);
+uint64_t soter_cache_bytes(const struct soter_cache* cache);
 /* Bytes of the successors, and of what is remembered. */
-uint64_t soter_expander_bytes(const soter_expander* e);
-bool soter_memo_expand(soter_expander* e, const uint64_t* packed, uint64_t sleep, uint64_t only);
+uint64_t soter_expander_bytes(const soter_expander* expander);
+bool soter_cache_expand(soter_expander* expander, const uint64_t* packed, uint64_t sleep,
+                        uint64_t only);
 /* The same for a batch of configurations of a word, all moves, where nothing sleeps and all
  * configurations are given to the search; false: they have to be expanded one by one, and nothing
  * was done. */
-bool soter_memo_expand_batch(soter_expander* e, const uint64_t* packed, uint32_t count);
+bool soter_cache_expand_batch(soter_expander* expander, const uint64_t* packed, uint32_t count);
 /* How many configurations of a word, from the first one on, are known to violate nothing. */
-uint32_t soter_memo_fine(const soter_expander* e, const uint64_t* packed, uint32_t count);
-bool soter_memo_broken(soter_expander* e, const uint64_t* packed, soter_broken* broken);
+uint32_t soter_cache_count_unviolated(const soter_expander* expander, const uint64_t* packed,
+                                      uint32_t count);
+bool soter_cache_finds_violation(soter_expander* expander, const uint64_t* packed,
+                                 soter_broken* broken);
 
 /* Sleep sets: what sleeps after `actor` has moved, when `before` are the siblings made earlier. */
 SOTER_INLINE uint64_t soter_still_asleep(const soter_model* m, uint32_t actor, uint64_t sleep,
@@ -515,8 +511,6 @@ SOTER_INLINE uint64_t soter_row_bytes(const soter_row* r) {
   return r->most * r->width * sizeof *r->item;
 }
 
-/* ------------------------------------------------------------------ strategies */
-
 typedef struct {
   const soter_model* m;
   const soter_explore_options* o;
@@ -528,8 +522,8 @@ typedef struct {
 } soter_search;
 
 /* `memory`: bytes that what it remembers may take. */
-bool soter_expander_open(soter_expander* e, const soter_search* s, soter_explore_coverage* coverage,
-                         uint64_t memory);
+bool soter_expander_open(soter_expander* expander, const soter_search* s,
+                         soter_explore_coverage* coverage, uint64_t memory);
 
 typedef void soter_strategy_fn(soter_search* s);
 soter_strategy_fn soter_search_bfs, soter_search_random, soter_search_falsify;
@@ -538,18 +532,18 @@ soter_strategy_fn soter_search_bfs, soter_search_random, soter_search_falsify;
  * it down; nothing is written where it is not found. */
 void soter_trace_depth_first(soter_search* s);
 
-/* Writes one step of a trace from the last move made at `x`. */
-void soter_write_step(const soter_place* x, const soter_move* move, soter_trace_step* to);
+/* Writes one step of a trace from the last move made at `space`. */
+void soter_write_step(const soter_workspace* space, const soter_move* move, soter_trace_step* to);
 
 /* Finds the move (with its picks) that leads from `from` to `to` (packed configurations; `from`
  * NULL: birth), or, where `to` is NULL, to a violation of `broken`, and writes it down. */
-bool soter_find_move(soter_place* x, const uint64_t* from, const uint64_t* to,
+bool soter_find_move(soter_workspace* space, const uint64_t* from, const uint64_t* to,
                      const soter_broken* broken, soter_trace_step* step);
 
 /* The same for a row of moves, where only ends of instants are stored and `from` and `to` are two
  * that follow each other; written from number *written on, which is moved on. */
-bool soter_find_way(soter_search* s, soter_place* x, const uint64_t* from, const uint64_t* to,
-                    const soter_broken* broken, uint32_t* written);
+bool soter_find_moves(soter_search* s, soter_workspace* space, const uint64_t* from,
+                      const uint64_t* to, const soter_broken* broken, uint32_t* written);
 
 void soter_merge_coverage(const soter_model* m, soter_explore_coverage* into,
                           const soter_explore_coverage* from);

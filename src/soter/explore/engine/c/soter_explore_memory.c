@@ -1,8 +1,9 @@
 /* soter_explore_memory.c: memory for what grows.
  *
- * Purpose: what has been outgrown goes back to the machine at once. In the heap it would leave
+ * Purpose: give what has been outgrown back to the machine at once. In the heap it would leave
  * holes that nothing larger fits into, and the process would take far more than `memory` says.
  * Large pieces are pages of their own, therefore; small ones come from the heap.
+ * Non-goals: how much memory a search may take (soter_explore_bfs.c counts that).
  */
 #define _GNU_SOURCE /* mremap */
 #include "soter_explore_memory.h"
@@ -15,7 +16,7 @@
 
 #define PAGES 16384U /* bytes: pieces as large as this are pages of their own */
 
-void* soter_take(uint64_t bytes) {
+void* soter_allocate(uint64_t bytes) {
   if (bytes < PAGES) {
     return calloc(bytes, 1U);
   }
@@ -23,7 +24,7 @@ void* soter_take(uint64_t bytes) {
   return found == MAP_FAILED ? NULL : found;
 }
 
-void soter_give(void* piece, uint64_t bytes) {
+void soter_free(void* piece, uint64_t bytes) {
   if (bytes < PAGES || piece == NULL) {
     free(piece);
   } else {
@@ -31,7 +32,7 @@ void soter_give(void* piece, uint64_t bytes) {
   }
 }
 
-void* soter_regrow(void* piece, uint64_t before, uint64_t bytes) {
+void* soter_reallocate(void* piece, uint64_t before, uint64_t bytes) {
   SOTER_CHECK(bytes >= before);
 #if defined(__linux__)
   if (piece != NULL && before >= PAGES) {
@@ -39,10 +40,10 @@ void* soter_regrow(void* piece, uint64_t before, uint64_t bytes) {
     return moved == MAP_FAILED ? NULL : moved;
   }
 #endif
-  void* const larger = soter_take(bytes);
+  void* const larger = soter_allocate(bytes);
   if (larger != NULL && piece != NULL) {
     (void)memcpy(larger, piece, before);
-    soter_give(piece, before);
+    soter_free(piece, before);
   }
   return larger;
 }

@@ -8,9 +8,9 @@
 #include <stdint.h>
 
 /* Zeros; NULL: there is no memory. */
-void* soter_take(uint64_t bytes);
+void* soter_allocate(uint64_t bytes);
 /* The same with more room; NULL: there is no memory, and it is as it was. */
-void* soter_regrow(void* piece, uint64_t before, uint64_t bytes);
-void soter_give(void* piece, uint64_t bytes);
+void* soter_reallocate(void* piece, uint64_t before, uint64_t bytes);
+void soter_free(void* piece, uint64_t bytes);
 
 #endif

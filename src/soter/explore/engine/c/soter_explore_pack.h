@@ -1,7 +1,8 @@
 /* soter_explore_pack.h: what generated `pack` and `unpack` functions are written with.
  *
- * A packed configuration is a row of bits in words, lowest bit first; times are relative to now and
- * in ticks, so that equal futures have equal bits.
+ * Purpose: read and write single fields of a packed configuration: a row of bits in words, lowest
+ * bit first. Times are relative to now and in ticks, so that equal futures have equal bits.
+ * Non-goals: which fields there are, and where (explore/model/bit_packing.py).
  */
 #ifndef SOTER_EXPLORE_PACK_H
 #define SOTER_EXPLORE_PACK_H

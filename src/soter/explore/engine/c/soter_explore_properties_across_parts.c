@@ -29,7 +29,7 @@ typedef struct {
 } side;
 
 typedef struct {
-  soter_place x;
+  soter_workspace space;
   const soter_model* m;
   uint32_t sides, property;
   side of[SIDES];
@@ -49,8 +49,6 @@ void soter_explore_noted(const soter_model* m, uint64_t actors, uint64_t* mask) 
   mask[0] |= 1U; /* always set: no entry of a table is all zeros */
   SOTER_CHECK(m->words > 0U);
 }
-
-/* ------------------------------------------------------------------ reading what was noted */
 
 static void take(void* to, const uint64_t* packed) {
   side* const s = to;
@@ -95,8 +93,8 @@ static bool number(joint* j, side* s, uint32_t* slots, uint32_t mask) {
     const uint32_t id = id_of(s, slots, mask, own, words, &slot);
     s->ids += id == s->ids ? 1U : 0U;
     slots[slot] = id + 1U;
-    j->m->unpack(packed, j->x.there);
-    const shown one = {soter_schedule_of(j->m->program, j->x.there)->now, id, i};
+    j->m->unpack(packed, j->space.there);
+    const shown one = {soter_schedule_of(j->m->program, j->space.there)->now, id, i};
     s->at[i] = one;
   }
   qsort(s->at, s->row.count, sizeof *s->at, by_time);
@@ -119,19 +117,17 @@ static bool open_side(joint* j, side* s, const soter_side* given) {
   s->at = malloc(s->row.count * sizeof *s->at);
   s->each = malloc((s->row.count + 1U) * words * sizeof *s->each);
   uint32_t* const slots = calloc(mask + 1U, sizeof *slots);
-  bool fine = s->bits != NULL && s->at != NULL && s->each != NULL && slots != NULL;
-  if (fine) {
+  bool ok = s->bits != NULL && s->at != NULL && s->each != NULL && slots != NULL;
+  if (ok) {
     soter_explore_noted(j->m, given->actors, s->bits);
     for (uint32_t k = 0; k < words; k++) {
       s->bits[k] &= ~j->m->scheduled[k];
     }
-    fine = number(j, s, slots, mask);
+    ok = number(j, s, slots, mask);
   }
   free(slots);
-  return fine;
+  return ok;
 }
-
-/* ------------------------------------------------------------------ combining it */
 
 /* Moves all parts on to the next time that one of them has; false: there is none. */
 static bool go_on(joint* j) {
@@ -179,9 +175,9 @@ static bool violates(joint* j, const uint64_t* at) {
       packed[k] = (packed[k] & ~s->bits[k]) | own[k];
     }
   }
-  j->m->unpack(packed, j->x.there);
-  SOTER_CHECK(j->property < j->x.p->properties);
-  return j->x.p->property[j->property].violated(j->x.there);
+  j->m->unpack(packed, j->space.there);
+  SOTER_CHECK(j->property < j->space.p->properties);
+  return j->space.p->property[j->property].violated(j->space.there);
 }
 
 /* All combinations of what is shown now; `at` is one that violates then. */
@@ -190,7 +186,7 @@ static soter_explore_status combine(joint* j, uint64_t* at) {
     at[i] = j->of[i].from;
   }
   for (uint32_t i = 0; i < j->sides;) {
-    if ((++j->turns & LOOK) == 0U && soter_is_stopped(&j->x)) {
+    if ((++j->turns & LOOK) == 0U && soter_is_stopped(&j->space)) {
       return SOTER_STOPPED;
     }
     if (is_new(j, at) && violates(j, at)) {
@@ -203,30 +199,28 @@ static soter_explore_status combine(joint* j, uint64_t* at) {
   return SOTER_EXHAUSTED;
 }
 
-/* ------------------------------------------------------------------ beginning and end */
-
 /* Whether there is one start; it is in `start`. */
 static bool begin(joint* j) {
-  j->x.given = 0U;
-  soter_be_born(&j->x);
-  j->m->pack(j->x.there, j->start);
+  j->space.given = 0U;
+  soter_make_start(&j->space);
+  j->m->pack(j->space.there, j->start);
   SOTER_CHECK(j->start[0] != 0U);
-  return !soter_next_picks(&j->x) && !j->x.too_many && !j->x.cut;
+  return !soter_next_picks(&j->space) && !j->space.too_many && !j->space.cut;
 }
 
 /* All parts, and room for all combinations. */
 static bool open_all(joint* j, const soter_explore_options* o, const soter_side* given) {
   uint64_t many = 1U;
-  bool fine = true;
-  for (uint32_t i = 0; fine && i < j->sides; i++) {
-    fine = open_side(j, &j->of[i], &given[i]) && many <= MANY / j->of[i].ids;
-    many *= fine ? j->of[i].ids : 1U;
+  bool ok = true;
+  for (uint32_t i = 0; ok && i < j->sides; i++) {
+    ok = open_side(j, &j->of[i], &given[i]) && many <= MANY / j->of[i].ids;
+    many *= ok ? j->of[i].ids : 1U;
   }
   j->start = malloc(j->m->words * sizeof *j->start);
-  if (!fine || j->start == NULL || many / 8U > o->memory / 4U) {
+  if (!ok || j->start == NULL || many / 8U > o->memory / 4U) {
     return false;
   }
-  j->tried = soter_take(many / 8U + 1U);
+  j->tried = soter_allocate(many / 8U + 1U);
   return j->tried != NULL && begin(j);
 }
 
@@ -240,9 +234,9 @@ static void close_all(joint* j) {
     free(s->at);
     free(s->each);
   }
-  soter_give(j->tried, j->tried == NULL ? 0U : many / 8U + 1U);
+  soter_free(j->tried, j->tried == NULL ? 0U : many / 8U + 1U);
   free(j->start);
-  soter_place_close(&j->x);
+  soter_workspace_close(&j->space);
 }
 
 /* Goes through time. */
@@ -264,8 +258,8 @@ soter_explore_status soter_explore_joined(const soter_model* m, const soter_expl
   joint j;
   uint64_t at[SIDES];
   (void)memset(&j, 0, sizeof j);
-  if (sides < 2U || sides > SIDES || !soter_place_open(&j.x, m, NULL, progress, NULL)) {
-    soter_place_close(&j.x);
+  if (sides < 2U || sides > SIDES || !soter_workspace_open(&j.space, m, NULL, progress, NULL)) {
+    soter_workspace_close(&j.space);
     return SOTER_MEMORY;
   }
   j.m = m;

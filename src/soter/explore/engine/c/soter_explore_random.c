@@ -1,4 +1,8 @@
-/* soter_explore_random.c: every decision by chance. */
+/* soter_explore_random.c: every decision by chance.
+ *
+ * Purpose: begin each walk with a state of the generator of its own, so that a seed says them all.
+ * Non-goals: the walks themselves (soter_explore_sampled_walk.c).
+ */
 #include "soter_explore_sampled_walk.h"
 
 static void begin(soter_walk* w, uint64_t run) {

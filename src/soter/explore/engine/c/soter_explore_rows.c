@@ -7,18 +7,18 @@
 
 #define FIRST_SUCCESSORS 256U
 
-bool soter_more_successors(soter_expander* e) {
-  soter_successors* const h = &e->successors;
+bool soter_more_successors(soter_expander* expander) {
+  soter_successors* const h = &expander->successors;
   const uint32_t room = h->room == 0U ? FIRST_SUCCESSORS : h->room * 2U;
-  const uint64_t each = e->words * sizeof *h->packed;
-  uint64_t* const packed = soter_regrow(h->packed, h->room * each, room * each);
+  const uint64_t each = expander->words * sizeof *h->packed;
+  uint64_t* const packed = soter_reallocate(h->packed, h->room * each, room * each);
   uint64_t* const sleep = packed != NULL ? realloc(h->sleep, room * sizeof *sleep) : NULL;
   if (packed == NULL || sleep == NULL) {
-    soter_give(packed, packed != NULL ? room * each : 0U);
+    soter_free(packed, packed != NULL ? room * each : 0U);
     h->packed = packed != NULL ? NULL : h->packed;
     h->count = packed != NULL ? 0U : h->count;
     h->room = packed != NULL ? 0U : h->room;
-    e->no_memory = true;
+    expander->no_memory = true;
     return false;
   }
   (void)memset(sleep + h->room, 0, (room - h->room) * sizeof *sleep);
@@ -38,7 +38,7 @@ int64_t soter_row_time(const soter_row* r, const soter_model* m, uint64_t first)
 }
 
 void soter_row_close(soter_row* r) {
-  soter_give(r->item, r->room * r->width * sizeof *r->item);
+  soter_free(r->item, r->room * r->width * sizeof *r->item);
   r->item = NULL;
 }
 
@@ -57,7 +57,7 @@ bool soter_row_reserve(soter_row* r, uint64_t more) {
   }
   if (room > r->room) {
     const uint64_t each = r->width * sizeof *r->item;
-    uint64_t* const item = soter_regrow(r->item, r->room * each, room * each);
+    uint64_t* const item = soter_reallocate(r->item, r->room * each, room * each);
     if (item == NULL) {
       return false;
     }

@@ -12,11 +12,11 @@ static bool walk_open(soter_walk* w, soter_search* s) {
   w->s = s;
   w->random = soter_mix(s->o->seed + UINT64_C(0x5851f42d4c957f2d));
   w->counting = true;
-  const bool fine =
-      soter_place_open(&w->x, s->m, s->o, s->progress, s->coverage) &&
+  const bool ok =
+      soter_workspace_open(&w->space, s->m, s->o, s->progress, s->coverage) &&
       soter_store_open(&w->seen, s->m, SOTER_FINGERPRINT, false, 0U, s->o->memory / SHARE);
   s->result->needed_bytes = soter_store_bytes(&w->seen) * SHARE;
-  return fine;
+  return ok;
 }
 
 static uint32_t decide(soter_walk* w, uint32_t kind, uint32_t count) {
@@ -27,29 +27,29 @@ static uint32_t decide(soter_walk* w, uint32_t kind, uint32_t count) {
 }
 
 /* Runs `make` until every choice that it asks for has been decided. */
-static bool decided(soter_walk* w, const soter_move* move, soter_broken* broken, bool* fine) {
-  soter_place* const x = &w->x;
-  x->given = 0U;
+static bool decided(soter_walk* w, const soter_move* move, soter_broken* broken, bool* ok) {
+  soter_workspace* const space = &w->space;
+  space->given = 0U;
   for (;;) {
-    *fine = true;
+    *ok = true;
     if (move->kind == SOTER_BIRTH) {
-      soter_be_born(x);
+      soter_make_start(space);
     } else {
-      *fine = soter_make(x, move, broken);
+      *ok = soter_make_move(space, move, broken);
     }
-    if (x->taken <= x->given) {
+    if (space->taken <= space->given) {
       return true;
     }
-    soter_choice* const next = &x->choice[x->given];
+    soter_choice* const next = &space->choice[space->given];
     next->pick = decide(w, 2U, next->count);
     SOTER_CHECK(next->pick < next->count);
-    x->given++;
+    space->given++;
   }
 }
 
 static void write_step(soter_walk* w, const soter_move* move) {
   if (w->s->trace != NULL && w->steps < w->s->room) {
-    soter_write_step(&w->x, move, &w->s->trace[w->steps]);
+    soter_write_step(&w->space, move, &w->s->trace[w->steps]);
   }
   w->steps++;
 }
@@ -61,7 +61,7 @@ static void meet(soter_walk* w) {
   if (!w->counting) {
     return;
   }
-  w->x.m->pack(w->x.there, packed);
+  w->space.m->pack(w->space.there, packed);
   const int fresh = soter_store_put(&w->seen, packed, &sleep, &again);
   w->counting = fresh >= 0;
   w->states += fresh > 0 ? 1U : 0U;
@@ -79,8 +79,8 @@ static uint32_t one_of(soter_walk* w, uint64_t enabled) {
 }
 
 static bool next_move(soter_walk* w, soter_move* move) {
-  soter_place* const x = &w->x;
-  const uint64_t enabled = soter_enabled(x);
+  soter_workspace* const space = &w->space;
+  const uint64_t enabled = soter_enabled_actors(space);
   if (enabled == 0U) {
     return false;
   }
@@ -88,36 +88,36 @@ static bool next_move(soter_walk* w, soter_move* move) {
   const uint32_t actor = w->by->who != NULL ? w->by->who(w, enabled) : one_of(w, enabled);
   uint32_t times = 0U;
   soter_move unused;
-  while (times < 64U && soter_move_of(x, actor, times, &unused)) {
+  while (times < 64U && soter_move_of(space, actor, times, &unused)) {
     times++;
   }
-  return soter_move_of(x, actor, decide(w, 1U, times), move);
+  return soter_move_of(space, actor, decide(w, 1U, times), move);
 }
 
 /* One execution to the horizon, or to a violation: `true`, and the trace is written. */
 static bool walk_once(soter_walk* w) {
   static const soter_move birth = {SOTER_NOTHING, SOTER_BIRTH, -1, -1};
-  soter_place* const x = &w->x;
+  soter_workspace* const space = &w->space;
   soter_broken* const broken = &w->s->result->broken;
   soter_move move = birth;
   w->steps = 0U;
   do {
-    bool fine;
-    (void)decided(w, &move, broken, &fine);
+    bool ok;
+    (void)decided(w, &move, broken, &ok);
     write_step(w, &move);
     w->transitions += move.kind != SOTER_BIRTH ? 1U : 0U;
-    if (!fine) {
-      return !soter_is_known(x, broken);
+    if (!ok) {
+      return !soter_is_known(space, broken);
     }
     if (move.kind != SOTER_BIRTH) {
-      soter_cover(x, move.actor);
+      soter_note_coverage(space, move.actor);
     }
     meet(w);
-    if (soter_violates(x, broken)) {
-      return !soter_is_known(x, broken);
+    if (soter_finds_violation(space, broken)) {
+      return !soter_is_known(space, broken);
     }
-    (void)memcpy(x->here, x->there, x->size);
-    soter_look(x);
+    (void)memcpy(space->here, space->there, space->size);
+    soter_find_windows(space);
     if (w->steps > w->longest) {
       w->longest = w->steps;
     }
@@ -157,16 +157,16 @@ static void walk_all(soter_walk* w) {
   r->table_bytes = soter_store_bytes(&w->seen);
 }
 
-void soter_walk_all(soter_search* s, const soter_sampling* by, void* own, bool fine) {
+void soter_walk_all(soter_search* s, const soter_sampling* by, void* own, bool ok) {
   soter_walk w;
   (void)memset(&w, 0, sizeof w);
   w.by = by;
   w.own = own;
-  if (fine && walk_open(&w, s)) {
+  if (ok && walk_open(&w, s)) {
     walk_all(&w);
   } else {
     s->result->status = SOTER_NO_MEMORY;
   }
   soter_store_close(&w.seen);
-  soter_place_close(&w.x);
+  soter_workspace_close(&w.space);
 }

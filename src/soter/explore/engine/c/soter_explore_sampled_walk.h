@@ -1,5 +1,8 @@
-/* soter_explore_sampled_walk.h: one execution after the other, by somebody's choices (random,
- * falsify). */
+/* soter_explore_sampled_walk.h: walks, one execution after the other (not for drivers).
+ *
+ * Purpose: declare a walk, and which decisions a strategy (random, falsify) takes in it.
+ * Non-goals: making the moves (soter_explore_sampled_walk.c).
+ */
 #ifndef SOTER_EXPLORE_SAMPLED_WALK_H
 #define SOTER_EXPLORE_SAMPLED_WALK_H
 
@@ -8,7 +11,7 @@
 /* A walk: decisions are numbers below a limit, asked of `decide`. */
 typedef struct soter_walk {
   soter_search* s;
-  soter_place x;
+  soter_workspace space;
   soter_store seen; /* fingerprints of the configurations met: how many there were */
   bool counting;    /* there was room for all of them */
   uint32_t steps;   /* of the walk so far */
@@ -36,6 +39,6 @@ SOTER_INLINE uint32_t soter_walk_random(soter_walk* w, uint32_t count) {
 
 /* Executions until a violation, a bound or a person stops them; not `fine`: the strategy had no
  * memory for its own. */
-void soter_walk_all(soter_search* s, const soter_sampling* by, void* own, bool fine);
+void soter_walk_all(soter_search* s, const soter_sampling* by, void* own, bool ok);
 
 #endif

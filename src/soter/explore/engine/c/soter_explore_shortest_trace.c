@@ -17,7 +17,7 @@ typedef struct {
 
 typedef struct {
   soter_search* s;
-  soter_place x;
+  soter_workspace space;
   soter_store seen; /* configurations of earlier layers */
   uint64_t* packed; /* [count * words] */
   way* ways;
@@ -38,8 +38,6 @@ static uint64_t bytes_of(const ways* l) {
   return soter_store_bytes(&l->seen) + (uint64_t)l->room * (l->words * 8U + sizeof(way)) +
          l->slots * sizeof *l->slot;
 }
-
-/* ------------------------------------------------------------------ pairs of one layer */
 
 static uint32_t slot_of(const ways* l, const uint64_t* packed, uint32_t actor) {
   uint64_t h = actor + 1U;
@@ -114,13 +112,11 @@ static void add(ways* l, const uint64_t* packed, const way* w) {
   SOTER_CHECK(l->count <= l->room && (w->parent == NONE || w->parent < l->count));
 }
 
-/* ------------------------------------------------------------------ one layer */
-
-static uint32_t unusual(const soter_place* x, const soter_move* move, uint32_t number) {
-  SOTER_CHECK(x->taken <= SOTER_CHOICES);
+static uint32_t unusual(const soter_workspace* space, const soter_move* move, uint32_t number) {
+  SOTER_CHECK(space->taken <= SOTER_CHOICES);
   uint32_t n = number > 0U || move->kind == SOTER_SKIPPED ? 1U : 0U;
-  for (uint32_t i = 0; i < x->taken; i++) {
-    n += x->choice[i].pick != 0U ? 1U : 0U;
+  for (uint32_t i = 0; i < space->taken; i++) {
+    n += space->choice[i].pick != 0U ? 1U : 0U;
   }
   return n;
 }
@@ -138,59 +134,59 @@ static void arrive(ways* l, const way* w, bool by_a_move) {
 }
 
 /* A configuration that violates something else ends there as well: it is not continued. */
-static void judge(ways* l, bool fine, const soter_broken* found, const way* w) {
+static void judge(ways* l, bool ok, const soter_broken* found, const way* w) {
   uint64_t packed[SOTER_WORDS];
-  if (!fine) {
+  if (!ok) {
     if (is_wanted(l, found)) {
       arrive(l, w, true);
     }
     return;
   }
   soter_broken seen;
-  if (soter_violates(&l->x, &seen)) {
+  if (soter_finds_violation(&l->space, &seen)) {
     if (is_wanted(l, &seen)) {
       arrive(l, w, false);
     }
     return;
   }
-  l->x.m->pack(l->x.there, packed);
+  l->space.m->pack(l->space.there, packed);
   add(l, packed, w);
 }
 
 static void expand(ways* l, uint32_t from) {
   SOTER_CHECK(from < l->count);
-  soter_place* const x = &l->x;
-  x->m->unpack(l->packed + (size_t)from * l->words, x->here);
-  soter_look(x);
+  soter_workspace* const space = &l->space;
+  space->m->unpack(l->packed + (size_t)from * l->words, space->here);
+  soter_find_windows(space);
   const way here = l->ways[from];
-  for (uint32_t a = 0; a < x->m->actors && !l->full; a++) {
+  for (uint32_t a = 0; a < space->m->actors && !l->full; a++) {
     soter_move move;
-    for (uint32_t n = 0; soter_move_of(x, a, n, &move); n++) {
-      x->given = 0U;
+    for (uint32_t n = 0; soter_move_of(space, a, n, &move); n++) {
+      space->given = 0U;
       do {
         soter_broken found;
-        const bool fine = soter_make(x, &move, &found);
+        const bool ok = soter_make_move(space, &move, &found);
         const bool changes = here.actor != NONE && here.actor != a;
         const way w = {from, a, here.changes + (changes ? 1U : 0U),
-                       here.unusual + unusual(x, &move, n)};
-        judge(l, fine, &found, &w);
+                       here.unusual + unusual(space, &move, n)};
+        judge(l, ok, &found, &w);
         l->s->result->transitions++;
-      } while (!l->full && soter_next_picks(x));
-      soter_tell_answers(x, true);
+      } while (!l->full && soter_next_picks(space));
+      soter_tell_answers(space, true);
     }
   }
 }
 
 static void birth(ways* l) {
   static const soter_move none = {NONE, SOTER_BIRTH, -1, -1};
-  soter_place* const x = &l->x;
-  x->given = 0U;
+  soter_workspace* const space = &l->space;
+  space->given = 0U;
   do {
-    soter_be_born(x);
-    const way w = {NONE, NONE, 0U, unusual(x, &none, 0U)};
+    soter_make_start(space);
+    const way w = {NONE, NONE, 0U, unusual(space, &none, 0U)};
     judge(l, true, NULL, &w);
-  } while (!l->full && soter_next_picks(x));
-  soter_tell_answers(x, true);
+  } while (!l->full && soter_next_picks(space));
+  soter_tell_answers(space, true);
 }
 
 static soter_explore_status bounded(ways* l) {
@@ -248,51 +244,49 @@ static soter_explore_status search(ways* l) {
     l->s->result->depth++;
     begin = end;
   }
-  if (l->x.cut) {
+  if (l->space.cut) {
     return SOTER_STOPPED;
   }
-  if (l->x.too_many) {
+  if (l->space.too_many) {
     return SOTER_CHOOSY; /* what was not tried may be less */
   }
   return l->broke ? SOTER_VIOLATED : SOTER_EXHAUSTED;
 }
 
-/* ------------------------------------------------------------------ writing it down */
-
 /* Whether a move from `here` ends in a configuration, or (`to` NONE) in the violation. */
 static bool makes(ways* l, const soter_move* move, uint32_t to) {
-  soter_place* const x = &l->x;
+  soter_workspace* const space = &l->space;
   soter_broken found;
-  const bool made = soter_make(x, move, &found);
+  const bool made = soter_make_move(space, move, &found);
   if (to == NONE) {
-    return made ? !l->by_a_move && soter_violates(x, &found) && is_wanted(l, &found)
+    return made ? !l->by_a_move && soter_finds_violation(space, &found) && is_wanted(l, &found)
                 : l->by_a_move && is_wanted(l, &found);
   }
   uint64_t packed[SOTER_WORDS];
   if (!made) {
     return false;
   }
-  x->m->pack(x->there, packed);
+  space->m->pack(space->there, packed);
   return memcmp(packed, l->packed + (size_t)to * l->words, l->words * sizeof *packed) == 0;
 }
 
 /* The least unusual move of an actor from a configuration to another, or to the violation. */
 static bool write_one(ways* l, uint32_t from, uint32_t to, uint32_t actor, soter_trace_step* step) {
-  soter_place* const x = &l->x;
+  soter_workspace* const space = &l->space;
   uint32_t least = NONE;
-  x->m->unpack(l->packed + (size_t)from * l->words, x->here);
-  soter_look(x);
+  space->m->unpack(l->packed + (size_t)from * l->words, space->here);
+  soter_find_windows(space);
   soter_move move;
-  for (uint32_t n = 0; soter_move_of(x, actor, n, &move); n++) {
-    x->given = 0U;
+  for (uint32_t n = 0; soter_move_of(space, actor, n, &move); n++) {
+    space->given = 0U;
     do {
       const bool fits = makes(l, &move, to);
-      const uint32_t cost = unusual(x, &move, n);
+      const uint32_t cost = unusual(space, &move, n);
       if (fits && cost < least) {
         least = cost;
-        soter_write_step(x, &move, step);
+        soter_write_step(space, &move, step);
       }
-    } while (soter_next_picks(x));
+    } while (soter_next_picks(space));
   }
   return least != NONE;
 }
@@ -318,8 +312,8 @@ static bool write_all(ways* l) {
     actor = l->ways[from].actor;
     from = l->ways[from].parent;
   }
-  (void)memcpy(l->x.here, l->x.started, l->x.size);
-  return soter_find_move(&l->x, NULL, to == NONE ? NULL : l->packed + (size_t)to * l->words,
+  (void)memcpy(l->space.here, l->space.started, l->space.size);
+  return soter_find_move(&l->space, NULL, to == NONE ? NULL : l->packed + (size_t)to * l->words,
                          &l->wanted, &s->trace[0]);
 }
 
@@ -335,20 +329,20 @@ void soter_explore_least(const soter_model* m, const soter_explore_options* o, s
   l.wanted = broken;
   result->threads = 1U;
   result->status = m->words > SOTER_WORDS ? SOTER_WIDE : SOTER_NO_MEMORY;
-  if (m->words <= SOTER_WORDS && soter_place_open(&l.x, m, o, progress, NULL)) {
+  if (m->words <= SOTER_WORDS && soter_workspace_open(&l.space, m, o, progress, NULL)) {
     if (soter_store_open(&l.seen, m, SOTER_EXACT, false, 0U, o->memory) && more_slots(&l)) {
       l.seen.stop = &progress->stop;
-      (void)memcpy(l.x.here, l.x.started, l.x.size);
-      l.x.wanted = &l.wanted; /* what is violated with it does not hide it */
+      (void)memcpy(l.space.here, l.space.started, l.space.size);
+      l.space.wanted = &l.wanted; /* what is violated with it does not hide it */
       result->status = search(&l);
       result->broken = broken;
       result->states = l.count;
-      if (result->status == SOTER_VIOLATED && (!write_all(&l) || l.x.cut)) {
+      if (result->status == SOTER_VIOLATED && (!write_all(&l) || l.space.cut)) {
         result->status = progress->stop != 0 ? SOTER_STOPPED : SOTER_LONG;
       }
     }
     soter_store_close(&l.seen);
-    soter_place_close(&l.x);
+    soter_workspace_close(&l.space);
   }
   free(l.packed);
   free(l.ways);

@@ -1,48 +1,48 @@
 /* soter_explore_step.c: the moves of a configuration (docs/testing.md, "Actors, steps, windows").
  *
  * Purpose: windows, order, times, faults; one move; what is observed after it.
- * Non-goals: which moves are made (strategies), which are left out (soter_explore_ample_sets.c).
+ * Non-goals: which moves are made (strategies), which are left out
+ * (soter_explore_sound_reductions.c).
  */
 #include "soter_explore_internal.h"
 #include "soter_explore_pack.h"
 
-/* ------------------------------------------------------------------ a place to work */
-
-bool soter_place_open(soter_place* x, const soter_model* m, const soter_explore_options* o,
-                      soter_explore_progress* progress, soter_explore_coverage* coverage) {
-  (void)memset(x, 0, sizeof *x);
-  x->m = m;
-  x->progress = progress;
-  x->p = m->program;
-  x->size = m->configuration_size;
+bool soter_workspace_open(soter_workspace* space, const soter_model* m,
+                          const soter_explore_options* o, soter_explore_progress* progress,
+                          soter_explore_coverage* coverage) {
+  (void)memset(space, 0, sizeof *space);
+  space->m = m;
+  space->progress = progress;
+  space->p = m->program;
+  space->size = m->configuration_size;
   const bool whole = o == NULL || o->actors == 0U;
-  x->turn = SOTER_NOTHING;
-  x->seed = o == NULL ? 0U : o->seed;
-  x->actors = whole ? UINT64_MAX : o->actors;
-  x->properties = whole ? UINT64_MAX : o->properties;
-  x->timeds = whole ? UINT64_MAX : o->timeds;
-  x->known = o == NULL ? NULL : o->known;
-  x->knowns = o == NULL ? 0U : o->knowns;
-  x->coverage = coverage;
-  x->started = calloc(3U, x->size);
-  if (x->started == NULL) {
+  space->turn = SOTER_NOTHING;
+  space->seed = o == NULL ? 0U : o->seed;
+  space->actors = whole ? UINT64_MAX : o->actors;
+  space->properties = whole ? UINT64_MAX : o->properties;
+  space->timeds = whole ? UINT64_MAX : o->timeds;
+  space->known = o == NULL ? NULL : o->known;
+  space->knowns = o == NULL ? 0U : o->knowns;
+  space->coverage = coverage;
+  space->started = calloc(3U, space->size);
+  if (space->started == NULL) {
     return false;
   }
-  x->here = x->started + x->size;
-  x->there = x->here + x->size;
-  x->answers.choices = x->choice;
-  x->answers.room = SOTER_CHOICES;
-  x->answers.taken = &x->taken;
-  x->answers.branches = coverage != NULL ? coverage->branches : NULL;
-  soter_be_born(x);
-  (void)memcpy(x->started, x->there, x->size);
-  (void)memcpy(x->here, x->there, x->size);
+  space->here = space->started + space->size;
+  space->there = space->here + space->size;
+  space->answers.choices = space->choice;
+  space->answers.room = SOTER_CHOICES;
+  space->answers.taken = &space->taken;
+  space->answers.branches = coverage != NULL ? coverage->branches : NULL;
+  soter_make_start(space);
+  (void)memcpy(space->started, space->there, space->size);
+  (void)memcpy(space->here, space->there, space->size);
   return true;
 }
 
-void soter_place_close(soter_place* x) {
-  free(x->started);
-  x->started = NULL;
+void soter_workspace_close(soter_workspace* space) {
+  free(space->started);
+  space->started = NULL;
 }
 
 static soter_held* held_of(const soter_actor* a, void* configuration) {
@@ -50,29 +50,29 @@ static soter_held* held_of(const soter_actor* a, void* configuration) {
   return (soter_held*)((char*)configuration + a->held);
 }
 
-static void answer(soter_place* x) {
-  SOTER_CHECK(x->given <= SOTER_CHOICES);
-  x->answers.given = x->given;
-  x->taken = 0U;
+static void answer(soter_workspace* space) {
+  SOTER_CHECK(space->given <= SOTER_CHOICES);
+  space->answers.given = space->given;
+  space->taken = 0U;
 }
 
-static void answered(soter_place* x, uint32_t actor) {
-  x->many = x->taken > SOTER_CHOICES;
-  if (x->many) {
-    x->chooser = x->too_many ? x->chooser : actor;
-    x->too_many = true;
-    x->taken = SOTER_CHOICES;
+static void answered(soter_workspace* space, uint32_t actor) {
+  space->many = space->taken > SOTER_CHOICES;
+  if (space->many) {
+    space->chooser = space->too_many ? space->chooser : actor;
+    space->too_many = true;
+    space->taken = SOTER_CHOICES;
   }
 }
 
-void soter_be_born(soter_place* x) {
-  const soter_model* const m = x->m;
-  (void)memset(x->there, 0, x->size);
-  answer(x);
-  soter_start_with(x->p, x->there, x->seed, &x->answers);
-  answered(x, SOTER_NOTHING);
-  soter_schedule_of(x->p, x->there)->now = -1;
-  int64_t* const due = soter_due_of(x->p, x->there);
+void soter_make_start(soter_workspace* space) {
+  const soter_model* const m = space->m;
+  (void)memset(space->there, 0, space->size);
+  answer(space);
+  soter_start_with(space->p, space->there, space->seed, &space->answers);
+  answered(space, SOTER_NOTHING);
+  soter_schedule_of(space->p, space->there)->now = -1;
+  int64_t* const due = soter_due_of(space->p, space->there);
   for (uint32_t i = 0; i < m->timeds; i++) {
     const bool owed =
         m->timed[i].kind == SOTER_EVENTUALLY && m->timed[i].within_ns <= m->horizon_ns;
@@ -80,24 +80,22 @@ void soter_be_born(soter_place* x) {
   }
   for (uint32_t i = 0; i < m->actors; i++) {
     if (m->actor[i].overrun_ns > 0) {
-      held_of(&m->actor[i], x->there)->since = -1;
+      held_of(&m->actor[i], space->there)->since = -1;
     }
   }
 }
-
-/* ------------------------------------------------------------------ windows */
 
 /* Whether number `i` is in a set of them: those beyond 64 are never left out. */
 static bool is_in(uint64_t set, uint32_t i) {
   return i >= 64U || (set >> i & 1U) != 0U;
 }
 
-void soter_keep_others(const soter_place* x, void* configuration) {
-  const soter_model* const m = x->m;
-  const int64_t now = soter_schedule_of(x->p, configuration)->now;
-  for (uint32_t i = 0; x->actors != UINT64_MAX && i < m->actors; i++) {
+void soter_keep_others(const soter_workspace* space, void* configuration) {
+  const soter_model* const m = space->m;
+  const int64_t now = soter_schedule_of(space->p, configuration)->now;
+  for (uint32_t i = 0; space->actors != UINT64_MAX && i < m->actors; i++) {
     const soter_actor* const a = &m->actor[i];
-    if (soter_is_part(x, i)) {
+    if (soter_is_part(space, i)) {
       continue;
     }
     soter_done_of(m, configuration)[i] =
@@ -105,11 +103,11 @@ void soter_keep_others(const soter_place* x, void* configuration) {
   }
 }
 
-static soter_window window_of(const soter_place* x, uint32_t actor, void* configuration) {
-  const soter_model* const m = x->m;
+static soter_window window_of(const soter_workspace* space, uint32_t actor, void* configuration) {
+  const soter_model* const m = space->m;
   const soter_actor* const a = &m->actor[actor];
   SOTER_CHECK(actor < m->actors);
-  if (!soter_is_part(x, actor)) {
+  if (!soter_is_part(space, actor)) {
     const soter_window none = {SOTER_NO_DEADLINE, SOTER_NO_DEADLINE};
     return none;
   }
@@ -130,54 +128,55 @@ static soter_window window_of(const soter_place* x, uint32_t actor, void* config
   return step;
 }
 
-void soter_look(soter_place* x) {
-  x->limit = SOTER_NO_DEADLINE;
-  for (uint32_t i = 0; i < x->m->actors; i++) {
-    x->window[i] = window_of(x, i, x->here);
-    SOTER_CHECK(x->window[i].low <= x->window[i].high);
-    if (x->window[i].high < x->limit) {
-      x->limit = x->window[i].high;
+void soter_find_windows(soter_workspace* space) {
+  space->limit = SOTER_NO_DEADLINE;
+  for (uint32_t i = 0; i < space->m->actors; i++) {
+    space->window[i] = window_of(space, i, space->here);
+    SOTER_CHECK(space->window[i].low <= space->window[i].high);
+    if (space->window[i].high < space->limit) {
+      space->limit = space->window[i].high;
     }
   }
-  if (x->limit == SOTER_NO_DEADLINE) {
-    x->limit = SOTER_NO_DEADLINE - 1; /* nothing is left: nobody may move */
+  if (space->limit == SOTER_NO_DEADLINE) {
+    space->limit = SOTER_NO_DEADLINE - 1; /* nothing is left: nobody may move */
   }
-  x->turn = SOTER_NOTHING;
-  for (uint32_t i = 0; x->m->ordered && !x->any_order && i < x->m->actors; i++) {
-    if (x->window[i].low <= x->limit && x->turn == SOTER_NOTHING) {
-      x->turn = i;
+  space->turn = SOTER_NOTHING;
+  for (uint32_t i = 0; space->m->ordered && !space->any_order && i < space->m->actors; i++) {
+    if (space->window[i].low <= space->limit && space->turn == SOTER_NOTHING) {
+      space->turn = i;
     }
   }
 }
 
 /* Time number `number` at which something due within the actor's window may happen. */
-static bool time_of(const soter_place* x, uint32_t actor, uint32_t number, int64_t* time) {
-  const int64_t now = soter_schedule_of(x->p, x->here)->now;
-  const int64_t first = soter_later(now, x->window[actor].low);
+static bool time_of(const soter_workspace* space, uint32_t actor, uint32_t number, int64_t* time) {
+  const int64_t now = soter_schedule_of(space->p, space->here)->now;
+  const int64_t first = soter_later(now, space->window[actor].low);
   *time = first;
   if (number == 0U) {
     return true;
   }
-  if (!x->m->timely) {
+  if (!space->m->timely) {
     return false;
   }
-  const int64_t q = x->m->quantum_ns;
+  const int64_t q = space->m->quantum_ns;
   SOTER_CHECK(q > 0);
   *time = (first / q + (int64_t)number) * q;
-  return *time <= x->limit;
+  return *time <= space->limit;
 }
 
-bool soter_move_of(const soter_place* x, uint32_t actor, uint32_t number, soter_move* move) {
-  SOTER_CHECK(actor < x->m->actors);
-  if (!soter_may_move(x, actor)) {
+bool soter_move_of(const soter_workspace* space, uint32_t actor, uint32_t number,
+                   soter_move* move) {
+  SOTER_CHECK(actor < space->m->actors);
+  if (!soter_may_move(space, actor)) {
     return false;
   }
-  const soter_actor* const a = &x->m->actor[actor];
-  const uint32_t done = soter_done_of(x->m, x->here)[actor];
+  const soter_actor* const a = &space->m->actor[actor];
+  const uint32_t done = soter_done_of(space->m, space->here)[actor];
   move->actor = actor;
   move->release = a->phase_ns + (int64_t)done * a->period_ns;
   if (a->overrun_ns > 0) {
-    const bool runs = held_of(a, x->here)->since >= 0;
+    const bool runs = held_of(a, space->here)->since >= 0;
     move->kind = runs ? SOTER_EFFECT : SOTER_BEGINS;
     if (runs) {
       move->release -= a->period_ns;
@@ -186,33 +185,31 @@ bool soter_move_of(const soter_place* x, uint32_t actor, uint32_t number, soter_
     move->kind = SOTER_STEP;
   }
   if (a->skips > 0U && move->kind != SOTER_EFFECT) {
-    if (soter_lost_of(x->m, x->here)[actor] < a->skips) {
+    if (soter_lost_of(space->m, space->here)[actor] < a->skips) {
       if (number == 0U) { /* the step that happens comes first: it is the default */
-        return time_of(x, actor, 0U, &move->time);
+        return time_of(space, actor, 0U, &move->time);
       }
       if (number == 1U) {
         move->kind = SOTER_SKIPPED;
-        return time_of(x, actor, 0U, &move->time);
+        return time_of(space, actor, 0U, &move->time);
       }
       number--;
     }
   }
-  return time_of(x, actor, number, &move->time);
+  return time_of(space, actor, number, &move->time);
 }
 
-/* ------------------------------------------------------------------ making a move */
-
-static bool look_for_faults(soter_place* x, uint32_t actor, soter_broken* broken) {
-  if (soter_header_of(x->there)->violations == 0U) {
+static bool look_for_faults(soter_workspace* space, uint32_t actor, soter_broken* broken) {
+  if (soter_header_of(space->there)->violations == 0U) {
     return true;
   }
-  const soter_property* const q = soter_properties_of(x->p, x->there);
-  const soter_broken fault = {2U, x->m->actor[actor].component};
+  const soter_property* const q = soter_properties_of(space->p, space->there);
+  const soter_broken fault = {2U, space->m->actor[actor].component};
   *broken = fault;
   bool contract = false;
-  for (uint32_t i = 0; i < x->p->properties; i++) {
+  for (uint32_t i = 0; i < space->p->properties; i++) {
     const soter_broken one = {1U, i};
-    if (q[i].count > 0U && (!contract || soter_is_known(x, broken))) {
+    if (q[i].count > 0U && (!contract || soter_is_known(space, broken))) {
       *broken = one;
       contract = true;
     }
@@ -221,39 +218,42 @@ static bool look_for_faults(soter_place* x, uint32_t actor, soter_broken* broken
 }
 
 /* What happened to the invariants' clocks. */
-static void note_module(soter_place* x, uint32_t component, uint32_t published, bool enabled) {
-  SOTER_CHECK(component < x->p->components);
-  const soter_component_info* const info = &x->p->component[component];
-  if (info->module < 0 || x->m->timeds == 0U) {
+static void note_module(soter_workspace* space, uint32_t component, uint32_t published,
+                        bool enabled) {
+  SOTER_CHECK(component < space->p->components);
+  const soter_component_info* const info = &space->p->component[component];
+  if (info->module < 0 || space->m->timeds == 0U) {
     return;
   }
   const uint32_t module = (uint32_t)info->module;
-  SOTER_CHECK(module < x->p->modules);
-  const bool in_ac = soter_modules_of(x->p, x->there)[module].mode == (uint8_t)SOTER_AC;
+  SOTER_CHECK(module < space->p->modules);
+  const bool in_ac = soter_modules_of(space->p, space->there)[module].mode == (uint8_t)SOTER_AC;
   if (info->role == SOTER_ROLE_DM && in_ac) {
-    soter_verdict_of(x->m, x->there)[module] = soter_schedule_of(x->p, x->there)->now;
-    soter_acted_of(x->m, x->there)[module] = 0U;
+    soter_verdict_of(space->m, space->there)[module] =
+        soter_schedule_of(space->p, space->there)->now;
+    soter_acted_of(space->m, space->there)[module] = 0U;
   }
   if (info->role == SOTER_ROLE_SC && enabled && published != 0U && !in_ac) {
-    soter_acted_of(x->m, x->there)[module] = 1U;
+    soter_acted_of(space->m, space->there)[module] = 1U;
   }
 }
 
 /* Takes back what an overrunning step published, to be kept until it takes effect. */
-static void hold_back(soter_place* x, const soter_actor* a, int64_t time, uint32_t published) {
-  soter_held* const held = held_of(a, x->there);
+static void hold_back(soter_workspace* space, const soter_actor* a, int64_t time,
+                      uint32_t published) {
+  soter_held* const held = held_of(a, space->there);
   uint8_t* value = (uint8_t*)(held + 1);
-  int64_t* const stamps = soter_stamps_of(x->p, x->there);
-  const int64_t* const before = soter_stamps_of(x->p, x->here);
+  int64_t* const stamps = soter_stamps_of(space->p, space->there);
+  const int64_t* const before = soter_stamps_of(space->p, space->here);
   SOTER_CHECK(held->since < 0 && time >= 0 && a->outputs <= 64U);
   held->since = time;
   held->mask = published;
   for (uint32_t i = 0; i < a->outputs; i++) {
-    const soter_topic_info* const t = &x->p->topic[a->output[i]];
+    const soter_topic_info* const t = &space->p->topic[a->output[i]];
     (void)memset(value, 0, soter_padded(t->size));
     if ((published >> i & 1U) != 0U) {
-      (void)memcpy(value, x->there + t->offset, t->size);
-      (void)memcpy(x->there + t->offset, x->here + t->offset, t->size);
+      (void)memcpy(value, space->there + t->offset, t->size);
+      (void)memcpy(space->there + t->offset, space->here + t->offset, t->size);
       stamps[a->output[i]] = before[a->output[i]];
     }
     value += soter_padded(t->size);
@@ -261,196 +261,195 @@ static void hold_back(soter_place* x, const soter_actor* a, int64_t time, uint32
 }
 
 /* Lets it take effect, and loses the releases that passed meanwhile. */
-static void take_effect(soter_place* x, uint32_t actor, int64_t time) {
-  const soter_actor* const a = &x->m->actor[actor];
-  soter_held* const held = held_of(a, x->there);
-  const bool enabled = soter_components_of(x->there)[a->component].oe != 0U;
+static void take_effect(soter_workspace* space, uint32_t actor, int64_t time) {
+  const soter_actor* const a = &space->m->actor[actor];
+  soter_held* const held = held_of(a, space->there);
+  const bool enabled = soter_components_of(space->there)[a->component].oe != 0U;
   SOTER_CHECK(held->since >= 0 && held->since <= time);
   uint8_t* value = (uint8_t*)(held + 1);
   for (uint32_t i = 0; i < a->outputs; i++) {
-    const soter_topic_info* const t = &x->p->topic[a->output[i]];
+    const soter_topic_info* const t = &space->p->topic[a->output[i]];
     if ((held->mask >> i & 1U) != 0U && enabled) {
-      (void)memcpy(x->there + t->offset, value, t->size);
-      soter_stamps_of(x->p, x->there)[a->output[i]] = time;
+      (void)memcpy(space->there + t->offset, value, t->size);
+      soter_stamps_of(space->p, space->there)[a->output[i]] = time;
     }
     (void)memset(value, 0, soter_padded(t->size));
     value += soter_padded(t->size);
   }
-  note_module(x, a->component, (uint32_t)held->mask, enabled);
+  note_module(space, a->component, (uint32_t)held->mask, enabled);
   held->since = -1;
   held->mask = 0U;
-  uint32_t* const done = &soter_done_of(x->m, x->there)[actor];
+  uint32_t* const done = &soter_done_of(space->m, space->there)[actor];
   const int64_t until =
       time - (a->least_ns > 0 ? 1 : 0); /* who says so is there for the next one */
   while (a->phase_ns + (int64_t)*done * a->period_ns <= until &&
-         a->phase_ns + (int64_t)*done * a->period_ns <= x->m->horizon_ns) {
+         a->phase_ns + (int64_t)*done * a->period_ns <= space->m->horizon_ns) {
     (*done)++;
   }
 }
 
-bool soter_is_observable(soter_place* x) {
-  const int64_t now = soter_schedule_of(x->p, x->there)->now;
+bool soter_is_observable(soter_workspace* space) {
+  const int64_t now = soter_schedule_of(space->p, space->there)->now;
   if (now < 0) {
     return false; /* the start: nothing has happened */
   }
-  for (uint32_t i = 0; i < x->m->actors; i++) {
-    if (window_of(x, i, x->there).high <= now) {
+  for (uint32_t i = 0; i < space->m->actors; i++) {
+    if (window_of(space, i, space->there).high <= now) {
       return false;
     }
   }
   return true;
 }
 
-bool soter_at_the_end(soter_place* x) {
-  for (uint32_t i = 0; i < x->m->actors; i++) {
-    if (window_of(x, i, x->there).low != SOTER_NO_DEADLINE) {
+bool soter_at_the_end(soter_workspace* space) {
+  for (uint32_t i = 0; i < space->m->actors; i++) {
+    if (window_of(space, i, space->there).low != SOTER_NO_DEADLINE) {
       return false;
     }
   }
   return true;
 }
 
-/* When a property's obligation is due after what is seen in `there` at `now`; it was due at `due`.
- */
-static int64_t due_after(const soter_place* x, const soter_timed* t, int64_t due, int64_t now) {
+/* When an obligation is due after what is seen in `there` at `now`; it was due at `due`. */
+static int64_t due_after(const soter_workspace* space, const soter_timed* t, int64_t due,
+                         int64_t now) {
   const bool is_owed = due != SOTER_NO_DEADLINE;
   SOTER_CHECK(due >= now);
   if (t->kind == SOTER_EVENTUALLY && !is_owed) {
     return due;
   }
-  if (t->condition(x->there)) {
+  if (t->condition(space->there)) {
     return SOTER_NO_DEADLINE;
   }
-  const bool begins = t->kind == SOTER_LEADSTO && !is_owed && t->premise(x->there) &&
-                      now + t->within_ns <= x->m->horizon_ns;
+  const bool begins = t->kind == SOTER_LEADSTO && !is_owed && t->premise(space->there) &&
+                      now + t->within_ns <= space->m->horizon_ns;
   return begins ? now + t->within_ns : due;
 }
 
 /* Notes that a property (`number`: of all, the timed ones last) was judged, or met. */
-static void note_judged(const soter_place* x, uint32_t number, uint8_t what) {
-  SOTER_CHECK(number < x->p->properties + x->m->timeds);
-  if (x->coverage != NULL) {
-    x->coverage->judged[number] |= what;
+static void note_judged(const soter_workspace* space, uint32_t number, uint8_t what) {
+  SOTER_CHECK(number < space->p->properties + space->m->timeds);
+  if (space->coverage != NULL) {
+    space->coverage->judged[number] |= what;
   }
 }
 
 /* Notes that the premise of an always holds, once. */
-static void note_premise(const soter_place* x, uint32_t number) {
-  if (x->coverage != NULL && x->m->premise != NULL && x->m->premise[number] != NULL &&
-      (x->coverage->judged[number] & SOTER_MET) == 0U && x->m->premise[number](x->there)) {
-    note_judged(x, number, SOTER_MET);
+static void note_premise(const soter_workspace* space, uint32_t number) {
+  if (space->coverage != NULL && space->m->premise != NULL && space->m->premise[number] != NULL &&
+      (space->coverage->judged[number] & SOTER_MET) == 0U &&
+      space->m->premise[number](space->there)) {
+    note_judged(space, number, SOTER_MET);
   }
 }
 
 /* Whether what a property promises is asked for here, and its end lies before the horizon. */
-static bool asks(const soter_place* x, const soter_timed* t, int64_t now) {
+static bool asks(const soter_workspace* space, const soter_timed* t, int64_t now) {
   return t->kind == SOTER_EVENTUALLY ||
-         (now + t->within_ns <= x->m->horizon_ns && t->premise(x->there));
+         (now + t->within_ns <= space->m->horizon_ns && t->premise(space->there));
 }
 
 /* What is owed changes where it can be seen: obligations are part of the configuration. */
-void soter_keep_obligations(soter_place* x) {
-  const soter_model* const m = x->m;
-  int64_t* const due = soter_due_of(x->p, x->there);
-  const int64_t now = soter_schedule_of(x->p, x->there)->now;
-  if (!soter_is_observable(x)) {
+void soter_keep_obligations(soter_workspace* space) {
+  const soter_model* const m = space->m;
+  int64_t* const due = soter_due_of(space->p, space->there);
+  const int64_t now = soter_schedule_of(space->p, space->there)->now;
+  if (!soter_is_observable(space)) {
     return;
   }
   for (uint32_t i = 0; i < m->timeds; i++) {
     const soter_timed* const t = &m->timed[i];
     if (t->kind != SOTER_INVARIANT && due[i] >= now) { /* a missed deadline stays missed */
-      if (x->coverage != NULL && x->coverage->judged[x->p->properties + i] == 0U &&
-          asks(x, t, now)) {
-        note_judged(x, x->p->properties + i, SOTER_JUDGED);
+      if (space->coverage != NULL && space->coverage->judged[space->p->properties + i] == 0U &&
+          asks(space, t, now)) {
+        note_judged(space, space->p->properties + i, SOTER_JUDGED);
       }
-      due[i] = due_after(x, t, due[i], now);
+      due[i] = due_after(space, t, due[i], now);
       if (t->kind == SOTER_EVENTUALLY && due[i] != SOTER_NO_DEADLINE) {
-        note_judged(x, x->p->properties + i, SOTER_MET);
+        note_judged(space, space->p->properties + i, SOTER_MET);
       }
     }
   }
 }
 
-bool soter_make(soter_place* x, const soter_move* move, soter_broken* broken) {
-  const soter_model* const m = x->m;
+bool soter_make_move(soter_workspace* space, const soter_move* move, soter_broken* broken) {
+  const soter_model* const m = space->m;
   SOTER_CHECK(move->actor < m->actors && move->kind != SOTER_BIRTH);
   const soter_actor* const a = &m->actor[move->actor];
-  (void)memcpy(x->there, x->here, x->size);
-  soter_header_of(x->there)->ct = move->time;
-  soter_schedule_of(x->p, x->there)->now = move->time;
-  soter_keep_others(x, x->there);
-  x->taken = 0U;
-  x->many = false;
-  bool fine = true;
+  (void)memcpy(space->there, space->here, space->size);
+  soter_header_of(space->there)->ct = move->time;
+  soter_schedule_of(space->p, space->there)->now = move->time;
+  soter_keep_others(space, space->there);
+  space->taken = 0U;
+  space->many = false;
+  bool ok = true;
   if (move->kind == SOTER_EFFECT) {
-    take_effect(x, move->actor, move->time);
+    take_effect(space, move->actor, move->time);
   } else {
-    soter_done_of(m, x->there)[move->actor]++;
+    soter_done_of(m, space->there)[move->actor]++;
     if (move->kind == SOTER_SKIPPED) {
-      soter_lost_of(m, x->there)[move->actor]++;
+      soter_lost_of(m, space->there)[move->actor]++;
     } else {
       if (a->skips > 0U) {
-        soter_lost_of(m, x->there)[move->actor] = 0U;
+        soter_lost_of(m, space->there)[move->actor] = 0U;
       }
-      answer(x);
+      answer(space);
       if ((a->component & SOTER_INPUT) != 0U) {
-        x->p->input[a->component & ~SOTER_INPUT].draw(x->there, &x->answers);
+        space->p->input[a->component & ~SOTER_INPUT].draw(space->there, &space->answers);
       } else {
-        soter_component* const c = &soter_components_of(x->there)[a->component];
+        soter_component* const c = &soter_components_of(space->there)[a->component];
         const bool enabled = c->oe != 0U;
         c->next = move->release + a->period_ns;
-        uint32_t published = soter_fire(x->p, x->there, a->component, &x->answers);
-        fine = look_for_faults(x, move->actor, broken);
+        uint32_t published = soter_fire(space->p, space->there, a->component, &space->answers);
+        ok = look_for_faults(space, move->actor, broken);
         if (move->kind == SOTER_BEGINS) {
-          hold_back(x, a, move->time, enabled ? published : 0U);
+          hold_back(space, a, move->time, enabled ? published : 0U);
           published = 0U;
         }
-        note_module(x, a->component, published, enabled);
+        note_module(space, a->component, published, enabled);
       }
-      answered(x, move->actor);
+      answered(space, move->actor);
     }
   }
-  if (fine && m->timeds > 0U) {
-    soter_keep_obligations(x);
+  if (ok && m->timeds > 0U) {
+    soter_keep_obligations(space);
   }
-  return fine;
+  return ok;
 }
 
-/* ------------------------------------------------------------------ what is violated */
-
-static bool invariant_fails(soter_place* x, const soter_timed* t) {
-  const int64_t now = soter_schedule_of(x->p, x->there)->now;
-  if (!t->condition(x->there)) {
+static bool invariant_fails(soter_workspace* space, const soter_timed* t) {
+  const int64_t now = soter_schedule_of(space->p, space->there)->now;
+  if (!t->condition(space->there)) {
     return true;
   }
-  const bool in_time = now <= soter_verdict_of(x->m, x->there)[t->module] + t->within_ns;
-  const bool acted = soter_acted_of(x->m, x->there)[t->module] != 0U &&
-                     soter_modules_of(x->p, x->there)[t->module].mode == (uint8_t)SOTER_SC;
+  const bool in_time = now <= soter_verdict_of(space->m, space->there)[t->module] + t->within_ns;
+  const bool acted = soter_acted_of(space->m, space->there)[t->module] != 0U &&
+                     soter_modules_of(space->p, space->there)[t->module].mode == (uint8_t)SOTER_SC;
   return !in_time && !acted;
 }
 
-static bool timed_fails(soter_place* x, uint32_t i, bool observable) {
-  const soter_timed* const t = &x->m->timed[i];
+static bool timed_fails(soter_workspace* space, uint32_t i, bool observable) {
+  const soter_timed* const t = &space->m->timed[i];
   if (t->kind == SOTER_INVARIANT) {
     if (observable) {
-      note_judged(x, x->p->properties + i, SOTER_JUDGED);
+      note_judged(space, space->p->properties + i, SOTER_JUDGED);
     }
-    return observable && invariant_fails(x, t);
+    return observable && invariant_fails(space, t);
   }
-  const int64_t due = soter_due_of(x->p, x->there)[i];
+  const int64_t due = soter_due_of(space->p, space->there)[i];
   if (due == SOTER_NO_DEADLINE) {
     return false;
   }
-  const int64_t now = soter_schedule_of(x->p, x->there)->now;
-  return due < now || (now >= 0 && soter_at_the_end(x));
+  const int64_t now = soter_schedule_of(space->p, space->there)->now;
+  return due < now || (now >= 0 && soter_at_the_end(space));
 }
 
 /* Something that is violated: the first of it, and of that the first that is not known. Whether it
  * is one that is not known: then no other is looked for. */
-static bool tell(const soter_place* x, uint32_t what, uint32_t index, bool* any,
+static bool tell(const soter_workspace* space, uint32_t what, uint32_t index, bool* any,
                  soter_broken* broken) {
   const soter_broken found = {what, index};
-  const bool news = !soter_is_known(x, &found);
+  const bool news = !soter_is_known(space, &found);
   if (news || !*any) {
     *broken = found;
   }
@@ -459,34 +458,32 @@ static bool tell(const soter_place* x, uint32_t what, uint32_t index, bool* any,
 }
 
 /* Whether an always or never that is looked at is violated. */
-static bool instant_fails(soter_place* x, uint32_t i) {
-  const soter_property_info* const q = &x->p->property[i];
-  if (q->when != SOTER_AT_INSTANT || !is_in(x->properties, i)) {
+static bool instant_fails(soter_workspace* space, uint32_t i) {
+  const soter_property_info* const q = &space->p->property[i];
+  if (q->when != SOTER_AT_INSTANT || !is_in(space->properties, i)) {
     return false;
   }
-  note_judged(x, i, SOTER_JUDGED);
-  note_premise(x, i);
-  return q->violated(x->there);
+  note_judged(space, i, SOTER_JUDGED);
+  note_premise(space, i);
+  return q->violated(space->there);
 }
 
-bool soter_violates(soter_place* x, soter_broken* broken) {
-  const bool observable = soter_is_observable(x);
+bool soter_finds_violation(soter_workspace* space, soter_broken* broken) {
+  const bool observable = soter_is_observable(space);
   bool any = false;
   bool news = false;
-  for (uint32_t i = 0; observable && !news && i < x->p->properties; i++) {
-    if (instant_fails(x, i)) {
-      news = tell(x, 0U, i, &any, broken);
+  for (uint32_t i = 0; observable && !news && i < space->p->properties; i++) {
+    if (instant_fails(space, i)) {
+      news = tell(space, 0U, i, &any, broken);
     }
   }
-  for (uint32_t i = 0; !news && i < x->m->timeds; i++) {
-    if (is_in(x->timeds, i) && timed_fails(x, i, observable)) {
-      news = tell(x, 3U, i, &any, broken);
+  for (uint32_t i = 0; !news && i < space->m->timeds; i++) {
+    if (is_in(space->timeds, i) && timed_fails(space, i, observable)) {
+      news = tell(space, 3U, i, &any, broken);
     }
   }
   return any;
 }
-
-/* ------------------------------------------------------------------ coverage */
 
 #define CLASSES 256U /* of a leaf; further members of an enum have none */
 
@@ -523,26 +520,27 @@ static uint32_t class_of(const soter_leaf* leaf, double v) {
   return v < 0.0 ? 2U : v > 0.0 ? 4U : 3U;
 }
 
-void soter_cover(soter_place* x, uint32_t actor) {
-  soter_explore_coverage* const c = x->coverage;
+void soter_note_coverage(soter_workspace* space, uint32_t actor) {
+  soter_explore_coverage* const c = space->coverage;
   if (c == NULL) {
     return;
   }
-  const soter_model* const m = x->m;
+  const soter_model* const m = space->m;
   const soter_actor* const a = &m->actor[actor];
   c->fired[actor] = 1U;
   for (uint32_t k = 0; k < a->outputs; k++) {
     for (uint32_t i = a->leaf[k]; i < m->leaves && m->leaf[i].topic == a->output[k]; i++) {
-      const uint32_t number = class_of(&m->leaf[i], leaf_value(&m->leaf[i], x->there));
+      const uint32_t number = class_of(&m->leaf[i], leaf_value(&m->leaf[i], space->there));
       if (number < CLASSES) {
         c->classes[(size_t)i * CLASSES + number] = 1U;
       }
     }
   }
-  if ((a->component & SOTER_INPUT) == 0U && x->p->component[a->component].role == SOTER_ROLE_DM) {
-    const uint32_t module = (uint32_t)x->p->component[a->component].module;
-    const uint8_t before = soter_modules_of(x->p, x->here)[module].mode;
-    const uint8_t after = soter_modules_of(x->p, x->there)[module].mode;
+  if ((a->component & SOTER_INPUT) == 0U &&
+      space->p->component[a->component].role == SOTER_ROLE_DM) {
+    const uint32_t module = (uint32_t)space->p->component[a->component].module;
+    const uint8_t before = soter_modules_of(space->p, space->here)[module].mode;
+    const uint8_t after = soter_modules_of(space->p, space->there)[module].mode;
     c->modes[module * 2U + after] = 1U;
     if (before != after) {
       c->switches[module * 2U + after] = 1U;
@@ -570,67 +568,65 @@ void soter_merge_coverage(const soter_model* m, soter_explore_coverage* into,
   }
 }
 
-/* ------------------------------------------------------------------ traces */
-
-void soter_write_step(const soter_place* x, const soter_move* move, soter_trace_step* to) {
+void soter_write_step(const soter_workspace* space, const soter_move* move, soter_trace_step* to) {
   (void)memset(to, 0, sizeof *to);
   to->actor = move->actor;
   to->kind = (uint32_t)move->kind;
   to->release_ns = move->release;
   to->time_ns = move->time;
-  to->choices = x->taken;
-  (void)memcpy(to->choice, x->choice, x->taken * sizeof to->choice[0]);
+  to->choices = space->taken;
+  (void)memcpy(to->choice, space->choice, space->taken * sizeof to->choice[0]);
 }
 
 /* Whether the move just made is the one that is looked for. */
-static bool is_wanted(soter_place* x, bool fine, const soter_broken* found, const uint64_t* to,
-                      const soter_broken* broken) {
-  if (!fine) {
+static bool is_wanted(soter_workspace* space, bool ok, const soter_broken* found,
+                      const uint64_t* to, const soter_broken* broken) {
+  if (!ok) {
     return to == NULL && soter_same_broken(found, broken);
   }
   if (to == NULL) {
     soter_broken seen;
-    return soter_violates(x, &seen) && soter_same_broken(&seen, broken);
+    return soter_finds_violation(space, &seen) && soter_same_broken(&seen, broken);
   }
   uint64_t packed[SOTER_WORDS];
-  x->m->pack(x->there, packed);
-  return memcmp(packed, to, x->m->words * sizeof packed[0]) == 0;
+  space->m->pack(space->there, packed);
+  return memcmp(packed, to, space->m->words * sizeof packed[0]) == 0;
 }
 
-static bool find_birth(soter_place* x, const uint64_t* to, const soter_broken* broken,
+static bool find_birth(soter_workspace* space, const uint64_t* to, const soter_broken* broken,
                        soter_trace_step* step) {
   static const soter_move birth = {SOTER_NOTHING, SOTER_BIRTH, -1, -1};
-  x->given = 0U;
+  space->given = 0U;
   do {
-    soter_be_born(x);
-    if (is_wanted(x, true, NULL, to, broken)) {
-      soter_write_step(x, &birth, step);
+    soter_make_start(space);
+    if (is_wanted(space, true, NULL, to, broken)) {
+      soter_write_step(space, &birth, step);
       return true;
     }
-  } while (soter_next_picks(x));
+  } while (soter_next_picks(space));
   return false;
 }
 
-bool soter_find_move(soter_place* x, const uint64_t* from, const uint64_t* to,
+bool soter_find_move(soter_workspace* space, const uint64_t* from, const uint64_t* to,
                      const soter_broken* broken, soter_trace_step* step) {
   if (from == NULL) {
-    return find_birth(x, to, broken, step);
+    return find_birth(space, to, broken, step);
   }
-  (void)memcpy(x->here, x->started, x->size);
-  x->m->unpack(from, x->here);
-  soter_look(x);
-  for (uint32_t a = 0; a < x->m->actors; a++) {
+  (void)memcpy(space->here, space->started, space->size);
+  space->m->unpack(from, space->here);
+  soter_find_windows(space);
+  for (uint32_t a = 0; a < space->m->actors; a++) {
     soter_move move;
-    for (uint32_t n = 0; soter_move_of(x, a, n, &move); n++) {
-      x->given = 0U;
+    for (uint32_t n = 0; soter_move_of(space, a, n, &move); n++) {
+      space->given = 0U;
       do {
         soter_broken found;
-        const bool fine = soter_make(x, &move, &found);
-        if (is_wanted(x, fine, &found, to, broken)) {
-          soter_write_step(x, &move, step);
+        const bool ok = soter_make_move(space, &move, &found);
+        if (is_wanted(space, ok, &found, to, broken)) {
+          soter_write_step(space, &move, step);
           return true;
         }
-      } while (soter_next_picks(x));
+      } while (soter_next_picks(space));
     }
   }
   return false;

@@ -23,8 +23,8 @@
 #define MOST_COMMON 62U                 /* bits: they are in the first word, behind the lowest */
 #define AHEAD 64U                       /* places that are looked for at once */
 #define TAIL 8U /* bytes behind the last entry: loads take eight at a time */
-#define K1 UINT64_C(0x9e3779b97f4a7c15)
-#define K2 UINT64_C(0xd6e8feb86659fd93)
+#define FACTOR1 UINT64_C(0x9e3779b97f4a7c15)
+#define FACTOR2 UINT64_C(0xd6e8feb86659fd93)
 #define INVERSE1 UINT64_C(0xf1de83e19937733d) /* of K1, modulo 2^64 */
 #define INVERSE2 UINT64_C(0xcfee444d8b59a89b)
 
@@ -34,16 +34,16 @@ static uint64_t low_bits(uint32_t bits) {
 
 SOTER_INLINE uint64_t mixed(uint64_t x, uint32_t bits, uint64_t all) {
   const uint32_t half = (bits + 1U) / 2U;
-  x = (x * K1) & all;
+  x = (x * FACTOR1) & all;
   x ^= x >> half;
-  x = (x * K2) & all;
+  x = (x * FACTOR2) & all;
   x ^= x >> half;
-  return (x * K1) & all;
+  return (x * FACTOR1) & all;
 }
 
 SOTER_INLINE uint64_t unmixed(uint64_t x, uint32_t bits, uint64_t all) {
   const uint32_t half = (bits + 1U) / 2U;
-  SOTER_CHECK(K1 * INVERSE1 == 1U && K2 * INVERSE2 == 1U);
+  SOTER_CHECK(FACTOR1 * INVERSE1 == 1U && FACTOR2 * INVERSE2 == 1U);
   x = (x * INVERSE1) & all;
   x ^= x >> half;
   x = (x * INVERSE2) & all;
@@ -55,18 +55,18 @@ SOTER_INLINE uint64_t unmixed(uint64_t x, uint32_t bits, uint64_t all) {
 static uint64_t rest_hash(const uint64_t* packed, uint32_t words, uint64_t all) {
   uint64_t h = 0U;
   for (uint32_t i = 1; i < words; i++) {
-    h = soter_scramble(h + packed[i] * K1);
+    h = soter_scramble(h + packed[i] * FACTOR1);
   }
   return h & all;
 }
 
 /* What a first word is without the bits that all have in common. The lowest one stays: it is set in
  * every configuration, and an entry of zeros is none. */
-SOTER_INLINE uint64_t without(const soter_store* s, uint64_t first) {
+SOTER_INLINE uint64_t without_common(const soter_store* s, uint64_t first) {
   return s->common > 0U ? first >> s->common | 1U : first;
 }
 
-static void squeeze(const soter_store* s, const uint64_t* packed, uint64_t* key) {
+static void squeeze_common_out(const soter_store* s, const uint64_t* packed, uint64_t* key) {
   SOTER_CHECK(s->common > 0U && s->common < 63U && s->words <= s->packed);
   for (uint32_t i = 0; i < s->words; i++) {
     key[i] = packed[i] >> s->common;
@@ -76,7 +76,7 @@ static void squeeze(const soter_store* s, const uint64_t* packed, uint64_t* key)
 }
 
 /* The way back, in place: the last words first. */
-static void stretch(const soter_store* s, uint64_t* packed) {
+static void put_common_back(const soter_store* s, uint64_t* packed) {
   SOTER_CHECK(s->common > 0U && (packed[0] & 1U) != 0U);
   packed[0] &= ~UINT64_C(1);
   for (uint32_t i = s->packed; i-- > 0U;) {
@@ -86,7 +86,7 @@ static void stretch(const soter_store* s, uint64_t* packed) {
 }
 
 /* Whether a configuration may be in this table: the first one says what all have in common. */
-SOTER_INLINE bool belongs(soter_store* s, const uint64_t* packed) {
+SOTER_INLINE bool may_belong(soter_store* s, const uint64_t* packed) {
   if (s->common > 0U && s->count == 0U) {
     s->prefix = packed[0] & s->low;
   }
@@ -100,19 +100,17 @@ void soter_store_key(const soter_store* s, const uint64_t* packed, uint64_t* key
     return;
   }
   if (s->packed == 1U) {
-    key[0] = mixed(without(s, packed[0]), s->first, s->all);
+    key[0] = mixed(without_common(s, packed[0]), s->first, s->all);
     return;
   }
   (void)memcpy(key, packed, s->words * sizeof key[0]);
   if (s->common > 0U) {
-    squeeze(s, packed, key);
+    squeeze_common_out(s, packed, key);
   }
   key[0] = mixed(key[0] ^ rest_hash(key, s->words, s->all), s->first, s->all);
 }
 
-/* ------------------------------------------------------------------ places */
-
-SOTER_INLINE uint64_t load(const uint8_t* from, uint64_t mask) {
+SOTER_INLINE uint64_t load_word(const uint8_t* from, uint64_t mask) {
   uint64_t x;
   (void)memcpy(&x, from, sizeof x);
   return x & mask;
@@ -142,7 +140,7 @@ SOTER_INLINE uint64_t entry_after(uint64_t home, uint64_t k) {
 }
 
 SOTER_INLINE bool is_empty(const soter_store* s, const uint8_t* e) {
-  if (load(e, s->mask) != 0U) {
+  if (load_word(e, s->mask) != 0U) {
     return false;
   }
   for (uint32_t k = 8U; k < s->key; k++) {
@@ -160,7 +158,7 @@ SOTER_INLINE uint8_t* short_place_of(const soter_store* s, const soter_segment* 
   const uint64_t most = g->buckets * BUCKET - (home & ~(uint64_t)(BUCKET - 1U));
   for (uint64_t k = 0U; k < most; k++) {
     uint8_t* const e = g->entry + entry_after(home, k) * s->bytes;
-    const uint64_t there = load(e, s->mask);
+    const uint64_t there = load_word(e, s->mask);
     if (there == key || there == 0U) {
       *found = there != 0U;
       return e;
@@ -180,11 +178,11 @@ SOTER_INLINE uint8_t* place_of(const soter_store* s, const soter_segment* g, con
   const uint64_t home = home_of(s, g, key[0]);
   const uint64_t most = g->buckets * BUCKET - (home & ~(uint64_t)(BUCKET - 1U));
   const uint8_t* const bytes = (const uint8_t*)key;
-  const uint64_t last = load(bytes + (s->key - 8U), UINT64_MAX); /* most keys take two loads */
+  const uint64_t last = load_word(bytes + (s->key - 8U), UINT64_MAX); /* most keys take two loads */
   SOTER_CHECK(most <= g->buckets * BUCKET);
   for (uint64_t k = 0U; k < most; k++) {
     uint8_t* const e = g->entry + entry_after(home, k) * s->bytes;
-    if (load(e, s->mask) == key[0] && load(e + (s->key - 8U), UINT64_MAX) == last &&
+    if (load_word(e, s->mask) == key[0] && load_word(e + (s->key - 8U), UINT64_MAX) == last &&
         (s->key <= 16U || memcmp(e + 8, key + 1, s->key - 8U) == 0)) {
       *found = !is_empty(s, e);
       return e;
@@ -196,14 +194,12 @@ SOTER_INLINE uint8_t* place_of(const soter_store* s, const soter_segment* g, con
   return NULL;
 }
 
-/* ------------------------------------------------------------------ opening, growing */
-
 /* It stays in the machine's caches, and room is not what matters: it may be half full. */
 static bool is_small(const soter_store* s, const soter_segment* g) {
   return g->buckets * BUCKET * s->bytes <= (s->layer ? SMALL_LAYER / s->segments : SMALL);
 }
 
-static bool segment_open(const soter_store* s, soter_segment* g, uint64_t buckets) {
+static bool open_segment(const soter_store* s, soter_segment* g, uint64_t buckets) {
   g->buckets = buckets;
   g->homes =
       buckets - 1U - (buckets < 2048U ? buckets / 64U : 32U); /* the rest takes what overflows */
@@ -212,7 +208,7 @@ static bool segment_open(const soter_store* s, soter_segment* g, uint64_t bucket
   g->count = g->before = 0U;
   g->idle = 0U;
   g->bytes = buckets * BUCKET * s->bytes + TAIL + LINE;
-  g->base = soter_take(g->bytes);
+  g->base = soter_allocate(g->bytes);
   if (g->base == NULL) {
     return false;
   }
@@ -224,18 +220,18 @@ static bool segment_open(const soter_store* s, soter_segment* g, uint64_t bucket
   return true;
 }
 
-static bool segments_open(soter_store* s) {
+static bool open_segments(soter_store* s) {
   s->room = (uint64_t)s->segments * FIRST_BUCKETS * BUCKET;
   if (soter_store_bytes(s) > s->memory) {
     return false;
   }
   s->segment = calloc(s->segments, sizeof *s->segment);
   s->own = malloc(s->words * sizeof *s->own);
-  bool fine = s->segment != NULL && s->own != NULL;
-  for (uint32_t i = 0; fine && i < s->segments; i++) {
-    fine = segment_open(s, &s->segment[i], FIRST_BUCKETS);
+  bool ok = s->segment != NULL && s->own != NULL;
+  for (uint32_t i = 0; ok && i < s->segments; i++) {
+    ok = open_segment(s, &s->segment[i], FIRST_BUCKETS);
   }
-  return fine;
+  return ok;
 }
 
 bool soter_store_open(soter_store* s, const soter_model* m, soter_storage storage, bool sleep,
@@ -258,12 +254,12 @@ bool soter_store_open(soter_store* s, const soter_model* m, soter_storage storag
   s->memory = memory;
   s->growth = 8U;
   s->segments = s->bytes > WIDE ? FEW_SEGMENTS : SEGMENTS;
-  return segments_open(s);
+  return open_segments(s);
 }
 
 void soter_store_close(soter_store* s) {
   for (uint32_t i = 0; s->segment != NULL && i < s->segments; i++) {
-    soter_give(s->segment[i].base, s->segment[i].bytes);
+    soter_free(s->segment[i].base, s->segment[i].bytes);
   }
   free(s->segment);
   free(s->own);
@@ -307,7 +303,7 @@ static bool move_all(const soter_store* s, const soter_segment* from, soter_segm
     if (is_empty(s, e)) {
       continue;
     }
-    const uint64_t home = home_of(s, to, load(e, s->mask));
+    const uint64_t home = home_of(s, to, load_word(e, s->mask));
     const uint64_t most = to->buckets * BUCKET - (home & ~(uint64_t)(BUCKET - 1U));
     SOTER_CHECK(home < to->homes * BUCKET);
     uint64_t k = 0U;
@@ -323,16 +319,16 @@ static bool move_all(const soter_store* s, const soter_segment* from, soter_segm
 }
 
 /* The same entries in another number of buckets, or in a few more where they do not fit. */
-static bool rebuild(soter_store* s, soter_segment* g, uint64_t buckets) {
+static bool rebuild_segment(soter_store* s, soter_segment* g, uint64_t buckets) {
   soter_segment other;
   for (;;) {
-    if ((s->room + buckets * BUCKET) * s->bytes > s->memory || !segment_open(s, &other, buckets)) {
+    if ((s->room + buckets * BUCKET) * s->bytes > s->memory || !open_segment(s, &other, buckets)) {
       return false;
     }
     if (move_all(s, g, &other)) {
       break;
     }
-    soter_give(other.base, other.bytes); /* the last buckets overflow */
+    soter_free(other.base, other.bytes); /* the last buckets overflow */
     if (is_stopped(s)) {
       return false;
     }
@@ -341,24 +337,25 @@ static bool rebuild(soter_store* s, soter_segment* g, uint64_t buckets) {
   s->room = s->room - g->buckets * BUCKET + other.buckets * BUCKET;
   other.count = other.before = g->count;
   SOTER_CHECK(other.count <= other.buckets * BUCKET);
-  soter_give(g->base, g->bytes);
+  soter_free(g->base, g->bytes);
   *g = other;
   return true;
 }
 
 /* The time before this one needed as much, most likely: fewer steps to the same size. */
-static uint64_t expected(const soter_store* s, const soter_segment* g) {
+static uint64_t expected_buckets(const soter_store* s, const soter_segment* g) {
   const uint64_t last = g > s->segment ? (g - 1)->buckets : 0U;
   const uint64_t before = last > s->was ? last : s->was;
   const uint64_t most = g->buckets * (is_small(s, g) ? 64U : 2U);
   return before > most ? g->buckets * 2U : before > g->buckets ? before : 0U;
 }
 
-static bool grow(soter_store* s, soter_segment* g) {
+static bool grow_segment(soter_store* s, soter_segment* g) {
   const uint64_t least = is_small(s, g) ? g->buckets : g->buckets / s->growth;
-  const uint64_t hoped = s->growth < 8U ? expected(s, g) : 0U;
+  const uint64_t hoped = s->growth < 8U ? expected_buckets(s, g) : 0U;
   const uint64_t more = hoped > g->buckets + least ? hoped - g->buckets : least;
-  return rebuild(s, g, g->buckets + more) || rebuild(s, g, g->buckets + g->buckets / 32U + 1U);
+  return rebuild_segment(s, g, g->buckets + more) ||
+         rebuild_segment(s, g, g->buckets + g->buckets / 32U + 1U);
 }
 
 void soter_store_settle(soter_store* s) {
@@ -368,14 +365,14 @@ void soter_store_settle(soter_store* s) {
     g->before = g->count;
     const uint64_t enough = g->count / 7U + 16U; /* seven eighths full */
     if (g->idle == IDLE && enough + enough / 16U < g->buckets) {
-      (void)rebuild(s, g, enough);
+      (void)rebuild_segment(s, g, enough);
       g->idle = IDLE; /* until it changes */
     }
   }
 }
 
 /* Forgets a segment's entries; it has `buckets` afterwards, or somewhat more. */
-static bool segment_empty(soter_store* s, soter_segment* g, uint64_t buckets) {
+static bool empty_segment(soter_store* s, soter_segment* g, uint64_t buckets) {
   if (g->buckets <= 2U * buckets) {
     if (g->count > 0U) {
       (void)memset(g->base, 0, g->bytes);
@@ -384,34 +381,32 @@ static bool segment_empty(soter_store* s, soter_segment* g, uint64_t buckets) {
     return true;
   }
   soter_segment fresh = *g;
-  if (!segment_open(s, &fresh, buckets)) {
+  if (!open_segment(s, &fresh, buckets)) {
     return false;
   }
   SOTER_CHECK(fresh.count == 0U && fresh.buckets < g->buckets);
   s->room -= (g->buckets - fresh.buckets) * BUCKET;
-  soter_give(g->base, g->bytes);
+  soter_free(g->base, g->bytes);
   *g = fresh;
   return true;
 }
 
 bool soter_store_empty(soter_store* s) {
-  bool fine = true;
+  bool ok = true;
   s->was = 0U;
-  for (uint32_t i = 0; fine && i < s->segments; i++) {
+  for (uint32_t i = 0; ok && i < s->segments; i++) {
     soter_segment* const g = &s->segment[i];
     s->was = g->count > 0U && g->buckets > s->was ? g->buckets : s->was;
     const uint64_t each = is_small(s, g) ? BUCKET / 2U : BUCKET - 1U;
-    fine = segment_empty(s, g, g->count / each + FIRST_BUCKETS);
+    ok = empty_segment(s, g, g->count / each + FIRST_BUCKETS);
   }
   s->count = 0U;
-  SOTER_CHECK(!fine || s->room >= (uint64_t)s->segments * FIRST_BUCKETS * BUCKET);
-  return fine;
+  SOTER_CHECK(!ok || s->room >= (uint64_t)s->segments * FIRST_BUCKETS * BUCKET);
+  return ok;
 }
 
-/* ------------------------------------------------------------------ putting */
-
 static uint64_t sleep_of(const soter_store* s, const uint8_t* e) {
-  return load(e + s->key, low_bits(8U * s->sleep));
+  return load_word(e + s->key, low_bits(8U * s->sleep));
 }
 
 /* Tells the machine that a place will be looked at soon. */
@@ -423,13 +418,13 @@ SOTER_INLINE void prefetch(const uint8_t* place) {
 #endif
 }
 
-SOTER_INLINE void hint(const soter_store* s, const uint64_t* packed, uint64_t first) {
+SOTER_INLINE void prefetch_home(const soter_store* s, const uint64_t* packed, uint64_t first) {
   const soter_segment* const g = segment_of(s, packed, &first);
   prefetch(g->entry + home_of(s, g, first) * s->bytes);
 }
 
 void soter_store_expect(const soter_store* s, const uint64_t* packed, const uint64_t* key) {
-  hint(s, packed, key[0]);
+  prefetch_home(s, packed, key[0]);
 }
 
 void soter_store_keys(const soter_store* s, const uint64_t* packed, uint32_t count, uint64_t* key,
@@ -441,12 +436,12 @@ void soter_store_keys(const soter_store* s, const uint64_t* packed, uint32_t cou
     const uint64_t* const one = packed + (size_t)i * words;
     uint64_t* const to = key + (size_t)i * words;
     if (mixes) {
-      *to = mixed(without(s, *one), s->first, s->all);
+      *to = mixed(without_common(s, *one), s->first, s->all);
     } else {
       soter_store_key(s, one, to);
     }
     if (expect) {
-      hint(s, one, *to);
+      prefetch_home(s, one, *to);
     }
   }
 }
@@ -456,8 +451,8 @@ int soter_store_put(soter_store* s, const uint64_t* packed, uint64_t* sleep, uin
   return soter_store_put_key(s, packed, s->own, sleep, again);
 }
 
-SOTER_INLINE int put_in(soter_store* s, soter_segment* g, const uint64_t* key, uint64_t* sleep,
-                        uint64_t* again) {
+SOTER_INLINE int put_into_segment(soter_store* s, soter_segment* g, const uint64_t* key,
+                                  uint64_t* sleep, uint64_t* again) {
   for (;;) {
     bool found;
     uint8_t* const e = place_of(s, g, key, &found);
@@ -484,7 +479,7 @@ SOTER_INLINE int put_in(soter_store* s, soter_segment* g, const uint64_t* key, u
       return 1;
     }
     const uint64_t most = g->buckets * (BUCKET - 1U);
-    if (!grow(s, g)) {
+    if (!grow_segment(s, g)) {
       if (e == NULL || g->count >= most) {
         return -1;
       }
@@ -495,11 +490,11 @@ SOTER_INLINE int put_in(soter_store* s, soter_segment* g, const uint64_t* key, u
 
 int soter_store_put_key(soter_store* s, const uint64_t* packed, const uint64_t* key,
                         uint64_t* sleep, uint64_t* again) {
-  if (!belongs(s, packed)) {
+  if (!may_belong(s, packed)) {
     SOTER_CHECK(false && "all configurations of a table have its bits in common");
     return -1;
   }
-  return put_in(s, segment_of(s, packed, key), key, sleep, again);
+  return put_into_segment(s, segment_of(s, packed, key), key, sleep, again);
 }
 
 /* A configuration of a word that is about to be put: its key, where its way begins, and in what. */
@@ -510,8 +505,8 @@ typedef struct {
 } coming;
 
 /* The machine fetches one place while the next is computed. */
-SOTER_INLINE void look_ahead(const soter_store* s, const uint64_t* packed, uint32_t count,
-                             coming* to) {
+SOTER_INLINE void prefetch_all(const soter_store* s, const uint64_t* packed, uint32_t count,
+                               coming* to) {
   const uint32_t bits = s->first;
   const uint32_t common = s->common;
   const uint64_t lowest = common > 0U ? 1U : 0U;
@@ -531,7 +526,7 @@ SOTER_INLINE void look_ahead(const soter_store* s, const uint64_t* packed, uint3
 }
 
 /* Puts a key into an entry that is empty. */
-SOTER_INLINE int put_there(soter_store* s, const coming* c, uint8_t* place) {
+SOTER_INLINE int put_into_empty(soter_store* s, const coming* c, uint8_t* place) {
   uint64_t both;
   (void)memcpy(&both, place, sizeof both);
   both |= c->key; /* behind it another one may begin */
@@ -547,14 +542,14 @@ SOTER_INLINE int put_short(soter_store* s, const coming* c) {
   uint64_t none = 0U;
   bool found = false;
   uint8_t* const place =
-      load(c->place, s->mask) == 0U ? c->place : short_place_of(s, c->of, c->key, &found);
+      load_word(c->place, s->mask) == 0U ? c->place : short_place_of(s, c->of, c->key, &found);
   if (found) {
     return 0;
   }
   if (place != NULL && c->of->count < c->of->limit) {
-    return put_there(s, c, place);
+    return put_into_empty(s, c, place);
   }
-  return put_in(s, c->of, &c->key, &none, &none);
+  return put_into_segment(s, c->of, &c->key, &none, &none);
 }
 
 /* Puts them until the table grows, or there is no memory; returns how many. */
@@ -565,9 +560,9 @@ static uint32_t put_some(soter_store* s, const uint64_t* packed, uint32_t count,
   const uint64_t room = s->room;
   uint32_t found = *news;
   uint32_t i = 0U;
-  look_ahead(s, packed, count, ahead);
+  prefetch_all(s, packed, count, ahead);
   for (; i < count && s->room == room; i++) {
-    if (load(ahead[i].place, mask) == ahead[i].key) {
+    if (load_word(ahead[i].place, mask) == ahead[i].key) {
       continue; /* most that are known stand where their way begins */
     }
     const int put = put_short(s, &ahead[i]);
@@ -587,7 +582,7 @@ uint32_t soter_store_put_short(soter_store* s, const uint64_t* packed, uint32_t*
   uint32_t done = 0U;
   uint32_t some = 1U;
   SOTER_CHECK(soter_store_is_short(s) && s->key <= 8U);
-  if (*count > 0U && !belongs(s, packed)) {
+  if (*count > 0U && !may_belong(s, packed)) {
     SOTER_CHECK(false && "all configurations of a table have its bits in common");
     *count = 0U;
   }
@@ -608,18 +603,16 @@ bool soter_store_has(const soter_store* s, const uint64_t* packed) {
   return found;
 }
 
-/* ------------------------------------------------------------------ reading */
-
 SOTER_INLINE void read_entry(const soter_store* s, const uint8_t* e, uint64_t* packed) {
   (void)memset(packed, 0, s->packed * sizeof packed[0]);
   if (s->words == 1U) {
-    packed[0] = unmixed(load(e, s->mask), s->first, s->all);
+    packed[0] = unmixed(load_word(e, s->mask), s->first, s->all);
   } else {
     (void)memcpy(packed, e, s->key);
     packed[0] = unmixed(packed[0], s->first, s->all) ^ rest_hash(packed, s->words, s->all);
   }
   if (s->common > 0U) {
-    stretch(s, packed);
+    put_common_back(s, packed);
   }
   SOTER_CHECK(!s->fingerprint);
 }
@@ -649,7 +642,7 @@ void soter_store_next_short(const soter_store* s, soter_cursor* at, uint32_t cou
     const uint8_t* e = g->entry + at->entry * s->bytes;
     SOTER_CHECK(at->segment < s->segments);
     for (; at->entry < end && found < count; at->entry++, e += s->bytes) {
-      packed[found] = load(e, s->mask);
+      packed[found] = load_word(e, s->mask);
       found += packed[found] != 0U; /* no branch: no machine knows beforehand */
     }
     if (at->entry >= end) {
@@ -660,7 +653,7 @@ void soter_store_next_short(const soter_store* s, soter_cursor* at, uint32_t cou
   for (uint32_t i = 0; i < count; i++) {
     packed[i] = unmixed(packed[i], s->first, s->all);
     if (s->common > 0U) {
-      stretch(s, packed + i);
+      put_common_back(s, packed + i);
     }
   }
 }
@@ -685,8 +678,6 @@ uint64_t soter_store_each(const soter_store* s, void (*each)(void* to, const uin
   }
   return count;
 }
-
-/* ------------------------------------------------------------------ comparing */
 
 static void key_of(const soter_store* s, const uint8_t* e, uint64_t* key) {
   (void)memset(key, 0, s->words * sizeof *key);
@@ -759,15 +750,12 @@ bool soter_store_same(const soter_store* s, const soter_store* other, uint64_t c
   return same;
 }
 
-/* ------------------------------------------------------------------ tables that outlive a search
- */
-
 typedef struct kept {
   soter_store store;
   struct kept* next;
 } kept;
 
-void* soter_keep(void* others, soter_store* s) {
+void* soter_keep_table(void* others, soter_store* s) {
   kept* const k = s->segment == NULL ? NULL : malloc(sizeof *k);
   if (k == NULL) { /* it never opened, or there is no memory: its table is closed by who has it */
     return others;
@@ -780,7 +768,7 @@ void* soter_keep(void* others, soter_store* s) {
   return k;
 }
 
-void* soter_keep_all(void* others, void* more) {
+void* soter_join_kept(void* others, void* more) {
   kept* last = more;
   while (last != NULL && last->next != NULL) {
     last = last->next;

@@ -1,4 +1,7 @@
-/* What fixpoints share: tiles, cells, dependence between tiles. */
+/* Rounds over the tiles of a grid, until a set of cells changes no more.
+ * Purpose: number tiles and cells; take the cells that changed out of the set, or into it; list the
+ * tiles whose images touch one that changed.
+ * Non-goals: which cells change (soter_reach.c, soter_reach_recovery.c). */
 #include "soter_reach_ball.h"
 #include "soter_reach_thread_pool.h"
 
@@ -53,24 +56,16 @@ int soter_reach_next_cell(int n, const int* first, const int* last, int* at) {
 }
 
 int soter_reach_has(const soter_reach_group* g, const uint64_t* bits, const int* at) {
-  int64_t row = 0;
   const int last = at[g->axes - 1];
-  for (int a = 0; a + 1 < g->axes; a++) {
-    row = row * g->cells[a] + at[a];
-  }
-  return (int)(bits[row * g->words + (last >> 6)] >> (last & 63) & 1U);
+  return (int)(bits[soter_reach_row(g, at) + (last >> 6)] >> (last & 63) & 1U);
 }
 
 /* `wide` cells from `at` on along the last axis, which lie in one word. */
 uint64_t soter_reach_part(const soter_reach_group* g, const uint64_t* bits, const int* at,
                           int wide) {
-  int64_t row = 0;
   const int begin = at[g->axes - 1], from = begin & 63;
-  for (int a = 0; a + 1 < g->axes; a++) {
-    row = row * g->cells[a] + at[a];
-  }
   SOTER_CHECK(wide >= 1 && from + wide <= 64);
-  return bits[row * g->words + (begin >> 6)] >> from & ~UINT64_C(0) >> (64 - wide);
+  return bits[soter_reach_row(g, at) + (begin >> 6)] >> from & ~UINT64_C(0) >> (64 - wide);
 }
 
 void soter_reach_start_at(const soter_reach_group* g, const int* first, const int* last,
@@ -102,11 +97,7 @@ static void change_cells(const soter_reach_group* g, soter_reach_rounds* w, int6
   memcpy(in, first, sizeof in);
   do {
     if (w->changed[tile] >> bit & 1U) {
-      int64_t row = 0;
-      for (int a = 0; a + 1 < g->axes; a++) {
-        row = row * g->cells[a] + in[a];
-      }
-      uint64_t* word = &w->kept[row * g->words + (in[g->axes - 1] >> 6)];
+      uint64_t* word = &w->kept[soter_reach_row(g, in) + (in[g->axes - 1] >> 6)];
       const uint64_t one = UINT64_C(1) << (in[g->axes - 1] & 63);
       *word = join ? *word | one : *word & ~one;
     }
@@ -170,8 +161,7 @@ ALWAYS void list_tiles(int n, int64_t tiles, const int64_t* stride, soter_reach_
   }
 }
 
-/* Takes the cells that changed out of the set (`join`: into it), and lists the tiles that may mind.
- */
+/* Takes the cells that changed out of the set (`join`: into it), lists the tiles that may mind. */
 void soter_reach_settle(const soter_reach_group* g, soter_reach_rounds* w, int join) {
   const int64_t tiles = soter_reach_tiles(g);
   int64_t fell = 0, stride[AXES], sums = 1;
@@ -245,15 +235,6 @@ void soter_reach_rounds_begin(const soter_reach_group* g, soter_reach_rounds* r)
   r->cursor = r->rounds = 0;
   memset(r->vain, 0, sizeof r->vain);
   memset(r->steps, 0, sizeof r->steps);
-}
-
-/* Words of a set. */
-int64_t soter_reach_words(const soter_reach_group* g) {
-  int64_t rows = 1;
-  for (int a = 0; a + 1 < g->axes; a++) {
-    rows *= g->cells[a];
-  }
-  return rows * g->words;
 }
 
 /* Rounds until nothing changes any more, or too much was made or in vain, or for about `seconds`; 1

@@ -1,5 +1,5 @@
-/* soter_explore_fixpoint.c: whether what is still to come was there before (docs/testing.md, "For
- * ever").
+/* soter_explore_repeated_layers.c: whether what is still to come was there before (docs/testing.md,
+ * "For ever").
  *
  * Purpose: where only ends of instants are stored, every so often the calendar begins anew: after
  * the least common multiple of all periods. If the layer then has the same configurations as at an
@@ -23,27 +23,27 @@ static int64_t gcd(int64_t a, int64_t b) {
 }
 
 /* Whether it is a search whose layers may be compared, and that nobody wants to see all of. */
-static bool may_close(const layered* all) {
+static bool may_compare_layers(const layered* all) {
   const soter_explore_options* const o = all->s->o;
   const bool plain = o->noted == NULL && o->goal == NULL && !o->go_on && o->knowns == 0U;
-  const bool ends = all->w[0].expander.instant != NULL || all->closing.calendar != 0U;
+  const bool ends = all->w[0].expander.instant != NULL || all->repetition.calendar != 0U;
   return o->closes && all->tables && !o->keep && plain && ends;
 }
 
 /* The bits of a place in the calendar, where entries have them (a fingerprint has none) and layers
  * end with instants. */
-static uint64_t calendar_of(const layered* all) {
+static uint64_t calendar_bits(const layered* all) {
   const soter_model* const m = all->s->m;
-  const soter_expander* const e = &all->w[0].expander;
-  const bool fine =
-      all->tables && e->instant == NULL && !soter_keeps_sleep(e) && soter_has_instants(m);
-  return fine && m->calendar > 0U && m->calendar < 63U ? ((UINT64_C(1) << m->calendar) - 1U) << 1U
-                                                       : 0U;
+  const soter_expander* const expander = &all->w[0].expander;
+  const bool ok = all->tables && expander->instant == NULL && !soter_keeps_sleep(expander) &&
+                  soter_has_instants(m);
+  return ok && m->calendar > 0U && m->calendar < 63U ? ((UINT64_C(1) << m->calendar) - 1U) << 1U
+                                                     : 0U;
 }
 
 /* Whether the next layer is one of ends of instants. */
 static bool is_of_ends(layered* all) {
-  soter_closing* const c = &all->closing;
+  soter_repetition* const c = &all->repetition;
   const uint32_t steps = all->depth + 1U;
   while (c->calendar != 0U && c->counted.steps < steps && c->counted.now < SOTER_NO_DEADLINE) {
     (void)soter_steps_until(all->s->m, all->s->o, &c->counted, c->counted.instants + 1U);
@@ -52,7 +52,7 @@ static bool is_of_ends(layered* all) {
 }
 
 /* One more actor has a beginning; false: there are no two before the end. */
-static bool begins_with(soter_closing* c, const soter_actor* a, int64_t horizon_ns) {
+static bool add_period(soter_repetition* c, const soter_actor* a, int64_t horizon_ns) {
   const int64_t part = a->period_ns / gcd(c->every_ns, a->period_ns);
   SOTER_CHECK(c->every_ns > 0);
   if (part > horizon_ns / c->every_ns) {
@@ -63,17 +63,17 @@ static bool begins_with(soter_closing* c, const soter_actor* a, int64_t horizon_
   return true;
 }
 
-void soter_closed_open(layered* all) {
+void soter_repetition_open(layered* all) {
   const soter_model* const m = all->s->m;
   const uint64_t actors = all->s->o->actors;
-  soter_closing* const c = &all->closing;
-  c->calendar = calendar_of(all);
-  c->on = c->may = may_close(all);
+  soter_repetition* const c = &all->repetition;
+  c->calendar = calendar_bits(all);
+  c->on = c->may = may_compare_layers(all);
   c->every_ns = 1;
   c->last_ns = m->horizon_ns;
   for (uint32_t i = 0; c->on && i < m->actors; i++) {
     if (actors == 0U || i >= 64U || (actors >> i & 1U) != 0U) {
-      c->on = begins_with(c, &m->actor[i], m->horizon_ns);
+      c->on = add_period(c, &m->actor[i], m->horizon_ns);
     }
   }
   for (uint32_t i = 0; i < m->timeds; i++) { /* what begins later is not owed */
@@ -81,18 +81,18 @@ void soter_closed_open(layered* all) {
   }
 }
 
-void soter_closed_close(layered* all) {
-  free(all->closing.turn);
-  all->closing.turn = NULL;
+void soter_repetition_close(layered* all) {
+  free(all->repetition.turn);
+  all->repetition.turn = NULL;
   for (uint32_t k = 0; k < all->opened; k++) {
     soter_store_close(&all->w[k].anchor);
   }
 }
 
 /* The number of the layer that was expanded is known: has it been there? */
-static void look_back(layered* all) {
-  soter_closing* const c = &all->closing;
-  soter_turn now = {c->at_ns, 0U, 0U};
+static void find_same_digest(layered* all) {
+  soter_repetition* const c = &all->repetition;
+  soter_layer_digest now = {c->at_ns, 0U, 0U};
   for (uint32_t k = 0; k < all->threads; k++) {
     now.digest += all->w[k].digest;
     now.count += all->w[k].layer;
@@ -107,7 +107,7 @@ static void look_back(layered* all) {
   }
   if (c->turns == c->room) {
     const uint32_t room = c->room * 2U + 16U;
-    soter_turn* const more = realloc(c->turn, room * sizeof *more);
+    soter_layer_digest* const more = realloc(c->turn, room * sizeof *more);
     if (more == NULL) {
       c->on = false; /* it ends at the horizon then */
       return;
@@ -119,8 +119,8 @@ static void look_back(layered* all) {
 }
 
 /* All workers have compared theirs. */
-static void agree(layered* all) {
-  soter_closing* const c = &all->closing;
+static void agree_on_comparison(layered* all) {
+  soter_repetition* const c = &all->repetition;
   bool same = true;
   for (uint32_t k = 0; k < all->threads; k++) {
     same = same && all->w[k].same;
@@ -130,17 +130,17 @@ static void agree(layered* all) {
 }
 
 /* It looks after a layer that was expanded to its end, before the next. */
-bool soter_closed_look(layered* all) {
-  soter_closing* const c = &all->closing;
+bool soter_repetition_found(layered* all) {
+  soter_repetition* const c = &all->repetition;
   const int64_t next_ns = all->s->progress->covered_ns;
   if (!c->on || !all->whole) {
     return false;
   }
   c->take = false;
   if (c->compare) {
-    agree(all);
+    agree_on_comparison(all);
   } else if (c->at) {
-    look_back(all);
+    find_same_digest(all);
   }
   c->at = next_ns >= c->from_ns && next_ns <= c->last_ns &&
           (next_ns - c->from_ns) % c->every_ns == 0 && is_of_ends(all);
@@ -150,8 +150,8 @@ bool soter_closed_look(layered* all) {
 }
 
 /* A worker's part of a layer that is to be expanded from its beginning. */
-static void begin(worker* w) {
-  const soter_closing* const c = &w->all->closing;
+static void compare_or_sum(worker* w) {
+  const soter_repetition* const c = &w->all->repetition;
   if (c->compare) {
     w->same = soter_store_same(&w->before, &w->anchor, c->calendar);
   } else if (c->at) {
@@ -166,8 +166,8 @@ static void close_anchor(worker* w) {
 
 /* A worker, when `w->before` is what is expanded next and `w->store` what was expanded last.
  * Whether the latter was taken: there is none then. */
-bool soter_closed_turn(worker* w) {
-  const soter_closing* const c = &w->all->closing;
+bool soter_repetition_take(worker* w) {
+  const soter_repetition* const c = &w->all->repetition;
   if (!c->on) {
     return false;
   }
@@ -177,7 +177,7 @@ bool soter_closed_turn(worker* w) {
     w->store.segment = NULL;
     w->store.own = NULL;
   }
-  begin(w);
+  compare_or_sum(w);
   if (c->compare) {
     close_anchor(w);
   }

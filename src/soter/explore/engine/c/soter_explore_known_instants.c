@@ -1,7 +1,8 @@
-/* soter_explore_calendar.c: instants that are known before a search.
+/* soter_explore_known_instants.c: instants that are known before a search.
  *
  * Purpose: whether nothing but ends of instants has to be stored, and how many steps so many
- * instants have. Non-goals: running them (soter_explore_instant.c).
+ * instants have (docs/testing.md, "Ends of instants"). Non-goals: running them
+ * (soter_explore_instant.c).
  */
 #include "soter_explore_internal.h"
 
@@ -42,8 +43,8 @@ static uint32_t steps_after(const soter_model* m, const soter_explore_options* o
   return then;
 }
 
-uint32_t soter_steps_until(const soter_model* m, const soter_explore_options* o, soter_calendar* c,
-                           uint32_t instants) {
+uint32_t soter_steps_until(const soter_model* m, const soter_explore_options* o,
+                           soter_instant_count* c, uint32_t instants) {
   c->now = c->instants == 0U ? -1 : c->now;
   for (; c->instants < instants && c->now < SOTER_NO_DEADLINE; c->instants++) {
     c->steps += steps_after(m, o, &c->now);
