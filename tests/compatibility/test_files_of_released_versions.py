@@ -21,7 +21,7 @@ from soter.certificate.reading.folder import canonical_json
 from soter.certificate.report import ACCEPTED, NOT_RECHECKED
 from soter.cli.main import main
 from soter.diagnostics.diagnostic import Severity
-from soter.mapping.read_mapping import make_log_map, named_system, read_mapping
+from soter.mapping.read_mapping import make_log_map, read_mapping, system_name
 from soter.remote.channels_json import find_topics
 from tables import all_rows
 
@@ -154,7 +154,7 @@ def test_a_mapping_fits_its_program(path: Path) -> None:
     names = [n for n in OF_MAPPINGS if n == path.parent.name or path.name.startswith(n)]
     program = soter.load(path.parent / OF_MAPPINGS[names[0]])
     given = read_mapping(path)
-    mapped = make_log_map(given, program.declared(named_system(given)), file=path)
+    mapped = make_log_map(given, program.declared(system_name(given)), file=path)
     assert mapped.topics
 
 

@@ -15,7 +15,7 @@ from soter.language.elaborate.derived_systems import faultless, with_faults
 from soter.language.front_end import check_file, system_of
 from soter.language.model.system import Fault
 from soter.semantics.draws import draw_bits
-from soter.semantics.faults import is_active, is_released, next_release, release_happens_ns
+from soter.semantics.faults import actual_release_ns, is_active, is_released, next_release
 from soter.simulate.run import NativeProgram, run_interpreted
 from soter.verify.problem.problem import assumption_texts
 
@@ -239,7 +239,7 @@ def test_releases_happen_in_order_and_are_those_that_are_told(seed: int, tmp_pat
         t = next_release(flat, own, c, seed, t)
         told.append(t)
     listed = [
-        release_happens_ns(flat, own, c, seed, k) for k in range(2 * SECOND // c.period_ns + 60)
+        actual_release_ns(flat, own, c, seed, k) for k in range(2 * SECOND // c.period_ns + 60)
     ]
     kept = [t for t in listed if t is not None]
     assert kept == sorted(set(kept))
@@ -334,7 +334,7 @@ def test_in_the_deployed_order_an_sc_waits_for_its_late_dm(tmp_path: Path) -> No
     dm, sc = flat.component("M.dm"), flat.component("M.Slow")
     for k in range(60):
         times = [
-            release_happens_ns(flat, [f for f in flat.faults if f.component == c.index], c, 3, k)
+            actual_release_ns(flat, [f for f in flat.faults if f.component == c.index], c, 3, k)
             for c in (dm, sc)
         ]
         assert times[0] == times[1]
@@ -446,7 +446,7 @@ def expected(flat: System, seed: int, until: int) -> dict[int, int]:
     moved = [f for f in flat.faults if f.of_time]
     step_by_time, busy, steps = {}, -1, 0
     for k in range(until // c.period_ns + 1):
-        t = release_happens_ns(flat, moved, c, seed, k)
+        t = actual_release_ns(flat, moved, c, seed, k)
         if t is None or t < busy:
             continue
         steps += 1

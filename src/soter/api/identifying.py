@@ -23,7 +23,7 @@ from soter.diagnostics.diagnostic import mistake
 from soter.language.load.identified_data import IDENTIFIED
 from soter.language.model.typed import Literal
 from soter.language.model.types import FloatType
-from soter.mapping.read_mapping import named_system, read_mapping
+from soter.mapping.read_mapping import read_mapping, system_name
 from soter.monitor.identification import (
     Episode,
     Identification,
@@ -82,7 +82,7 @@ def identify(
     fixed = params or {}
     if mapping is not None and system is None:
         content = read_mapping(Path(mapping)) if isinstance(mapping, (str, Path)) else mapping
-        system = named_system(content)
+        system = system_name(content)
 
     def pose(values: Mapping[str, float]) -> Posed:
         flat = program.declared(system, {**fixed, **values})

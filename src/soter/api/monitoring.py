@@ -17,7 +17,7 @@ from soter.api.output_files import require_utf8
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.elaborate.passes.read_ages import is_measured
 from soter.language.evaluate.arithmetic import StepFault
-from soter.mapping.read_mapping import make_log_map, named_system, read_mapping
+from soter.mapping.read_mapping import make_log_map, read_mapping, system_name
 from soter.monitor.decidable_modules import decidable
 from soter.monitor.doubtful_topics import doubt_notes
 from soter.monitor.log_files.read_columns import read_columns
@@ -33,7 +33,7 @@ from soter.monitor.model_membership import (
 from soter.monitor.typed_samples import read_samples
 from soter.report.mcap_reading import log_metadata
 from soter.report.wording import changed_parameters
-from soter.semantics.publication_gate import make_check
+from soter.semantics.publication_gate import check_of_topic
 from soter.simulate.run_log import RecordedRun, read_log, record_of_trace
 from soter.verify.problem.extract import problem_of_sets
 
@@ -225,7 +225,7 @@ def _record_of_samples(
     events.sort()
     waiting, since = {s.topic.name for s in samples}, set[str]()
     record, outside = RecordedRun([], [], [], []), dict[str, list[tuple[float, str]]]()
-    checks = [make_check(s.topic) for s in samples]
+    checks = [check_of_topic(s.topic) for s in samples]
     for at, (time_ns, k, i) in enumerate(events):
         topic, value, taken = samples[k].topic, samples[k].values[i], True
         try:
@@ -261,7 +261,7 @@ def _files_and_mapping(
     require_utf8(*paths, mapping)
     file = Path(mapping) if isinstance(mapping, (str, Path)) else None
     table = mapping if not isinstance(mapping, (str, Path)) else read_mapping(Path(mapping))
-    flat = flat_of(system or named_system(table), params)
+    flat = flat_of(system or system_name(table), params)
     return paths, flat, make_log_map(table, flat, where, file)
 
 

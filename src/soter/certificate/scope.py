@@ -28,7 +28,7 @@ from soter.certificate.report import RecheckAssumption
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import system_to_prove
 from soter.language.model.assumption_words import in_words
-from soter.language.model.system import holder_of
+from soter.language.model.system import name_of_subsystem
 from soter.language.model.typed import FunSymbol
 from soter.language.model.types import DurationType, FloatType, leaf_name, leaves, show_ns
 from soter.language.prelude.function_error_bounds import BOUNDS
@@ -148,7 +148,7 @@ def _plants_of_no_claim(covered: Sequence[Covered]) -> Said:
 
 def _modelled_plants(facts: Covered) -> set[str]:
     """The names, in the flying system, of the plants that claims are about, also if abstracted."""
-    around = holder_of(facts.flying_module)
+    around = name_of_subsystem(facts.flying_module)
     names = {link.instance for link in facts.symbol.verify.abstracts}
     if isinstance(facts, Facts):
         names |= {c.name for c in facts.plants}

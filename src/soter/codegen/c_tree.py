@@ -13,7 +13,7 @@ import re
 from dataclasses import field, replace
 from typing import TYPE_CHECKING
 
-from soter.language.syntax.node import Node, node, parts
+from soter.language.syntax.node import Node, field_values, node
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -340,7 +340,7 @@ def names_read(root: object) -> Iterator[str]:
         elif isinstance(node, tuple):
             stack.extend(reversed(node))
         elif isinstance(node, (CExpr, CStmt)):
-            stack.extend(reversed(parts(node)))
+            stack.extend(reversed(field_values(node)))
 
 
 @node()

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 from soter.codegen import c_tree as c
 from soter.codegen.c_printer import COMPARISONS, expr_text, item_lines, print_file
-from soter.language.syntax.node import parts
+from soter.language.syntax.node import field_values
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -101,7 +101,7 @@ def _nodes_below(root: object) -> Iterator[object]:
     yield root
     below = root if isinstance(root, tuple) else ()
     if isinstance(root, (c.CExpr, c.CStmt)):
-        below = parts(root)
+        below = field_values(root)
     for part in below:
         yield from _nodes_below(part)
 
@@ -175,7 +175,7 @@ class _Counting:
         if _is_logic(node) or (isinstance(node, c.Binary) and node.op in COMPARISONS):
             return self.count_decision(node)
         if isinstance(node, (c.CExpr, c.CStmt)) and not isinstance(node, c.Name):
-            return type(node)(*map(self.with_counters, parts(node)))
+            return type(node)(*map(self.with_counters, field_values(node)))
         return node
 
     def count_decision(self, e: c.CExpr) -> c.CExpr:

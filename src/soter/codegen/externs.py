@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from soter.codegen import c_tree as c
 from soter.codegen.c_names import field_name
 from soter.codegen.c_types import FAULT, float_number, int_number
-from soter.core.layout import INT_KINDS, arrange, scalar, struct_of
+from soter.core.layout import INT_KINDS, lay_out, scalar, struct_of
 from soter.language.model.types import (
     BOOL,
     ArrayType,
@@ -76,7 +76,7 @@ def extern_declarations(frame: Frame, core: CoreSystem, names: dict[int, str]) -
         if not x.extern:
             continue
         name = names[x.index]
-        layout = arrange(answer_fields(x))
+        layout = lay_out(answer_fields(x))
         declarations.append(struct_def(frame, layout, f"{name}_out", f"what {x.name} answers"))
         bound_to_c = (x.binding or "").startswith("c:")
         if x.node is not None and (bound_to_c or x.index in frame.apart):

@@ -254,7 +254,7 @@ def _clean_got(node: NodeSymbol) -> list[c.CStmt]:
     statements: list[c.CStmt] = []
     for topic in node.publishes:
         short = topic.name.rsplit(".", 1)[-1]
-        cleaned = clean_answer(node.given(topic), c.Member(c.Name("got"), field_name(short)))
+        cleaned = clean_answer(node.answer_type(topic), c.Member(c.Name("got"), field_name(short)))
         has = c.Member(c.Name("got"), field_name(f"has_{short}"))
         if cleaned:
             statements.append(c.IfStmt(c.Binary("!=", has, c.Number("0")), tuple(cleaned)))

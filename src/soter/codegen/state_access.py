@@ -15,7 +15,7 @@ from soter.codegen.c_names import Unique, field_name
 from soter.codegen.storage_plan import PlannedBody
 from soter.core import core
 from soter.core.core import output_name
-from soter.core.core_walks import always_published
+from soter.core.core_walks import outputs_always_published
 
 if TYPE_CHECKING:
     from soter.codegen.body import Body, StepBranch
@@ -191,7 +191,7 @@ class Frame:
             if f.kind == "silent" and f.component == component.index
         }
         spoken = {k for k, o in enumerate(step.outputs) if o.topic not in silent}
-        return frozenset(always_published(code) & spoken)
+        return frozenset(outputs_always_published(code) & spoken)
 
     def if_published(self, k: int, code: list[c.CStmt]) -> list[c.CStmt]:
         """The code, in an `if` unless the step always publishes output `k`."""

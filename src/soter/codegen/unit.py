@@ -43,7 +43,7 @@ from soter.codegen.kernel_tables import TableEmitter
 from soter.codegen.plants_and_inputs import InputEmitter
 from soter.codegen.state_access import Frame, place_text
 from soter.codegen.value_locations import MADE
-from soter.core.layout import Struct, arrange, state_layout
+from soter.core.layout import Struct, lay_out, state_layout
 from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
 from soter.language.model.system import environment_topics
@@ -209,7 +209,7 @@ class UnitBuilder:
             )
         )
         self._require_names((*header.items, *source.items))
-        answers = {x.index: arrange(answer_fields(x)) for x in self.system.components if x.extern}
+        answers = {x.index: lay_out(answer_fields(x)) for x in self.system.components if x.extern}
         text, counted = conditions.print_with_counters(source, f'#include "{self.prefix}.h"\n')
         return Unit(
             prefix=self.prefix,

@@ -337,7 +337,7 @@ class Footprint(Shown):
 
 
 def output_name(output: int) -> str:
-    """The name of the temporary with what a step publishes as output number `output`."""
+    """Gives the name of the temporary with what a step publishes as output number `output`."""
     return f"$out {output}"
 
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.core import core
-from soter.core.core_text import place_of
+from soter.core.core_text import changed_part
 from soter.core.core_walks import walk, written_names
 from soter.language.model.types import (
     BOOL,
@@ -75,7 +75,7 @@ def broken_promises(
         body.check_plant(part)
     else:
         body.span = part.span
-        body.block(part.body)
+        body.check_block(part.body)
         body.check_value(part.value, FLOAT if part.value.type == FLOAT else BOOL)
     return body.found
 
@@ -88,7 +88,7 @@ def fits_into(have: Type, want: Type | None) -> bool:
 
 
 def part_types(t: Type, count: int = 0) -> list[Type]:
-    """The types of the parts of a value; of a list of `count`, those for which it has room."""
+    """Gives the types of a value's parts; of a list of `count`, as many as it has room for."""
     if isinstance(t, RecordType):
         return [f for _, f in t.fields]
     if isinstance(t, ListType):
@@ -96,7 +96,7 @@ def part_types(t: Type, count: int = 0) -> list[Type]:
     return [t.element] * t.size if isinstance(t, ArrayType) else []
 
 
-def _fact(left: core.Expr, op: str, right: core.Expr) -> core.Expr:
+def _comparison(left: core.Expr, op: str, right: core.Expr) -> core.Expr:
     return core.Binary(BOOL, op, left, right)
 
 
@@ -129,8 +129,8 @@ class _Body:
         """Checks a function, which sees its parameters alone and has one exit."""
         self.pure, self.span = True, f.span
         for p in f.parameters:
-            self.define(p.name, p.type)
-        self.block(f.body)
+            self.define_temporary(p.name, p.type)
+        self.check_block(f.body)
         if f.result is not None:
             self.check_value(f.result, f.result_type)
         self.require(f.result is not None or not f.body, "a body without a result")
@@ -146,21 +146,21 @@ class _Body:
         self.outputs, self.span = step.outputs, step.span
         self.define_copies(step.locals, (*step.takeover, *step.body))
         self.check_inner_block(step.takeover)
-        self.block(step.body)
+        self.check_block(step.body)
         if step.shield is not None:
             for k, o in enumerate(step.outputs):
-                self.define(core.output_name(k), o.type, mutable=True)
-            self.block(step.shield.body)
+                self.define_temporary(core.output_name(k), o.type, mutable=True)
+            self.check_block(step.shield.body)
 
     def check_plant(self, step: core.PlantStep) -> None:
         """Checks one release of a plant."""
         self.outputs, self.span = step.outputs, step.span
         self.define_copies(step.states, step.integrate)
         for name, t, _ in step.disturbances:
-            self.define(name, t)
-        self.block(step.choose)
+            self.define_temporary(name, t)
+        self.check_block(step.choose)
         self.check_inner_block(step.integrate)
-        self.block(step.publish)
+        self.check_block(step.publish)
 
     def define_copies(
         self, copies: tuple[core.LocalCopy, ...], code: tuple[core.Stmt, ...]
@@ -168,19 +168,19 @@ class _Body:
         """Defines the temporaries that copy cells; those that the code changes must be stored."""
         changed = written_names(code)
         for c in copies:
-            self.define(c.name, c.type, mutable=True)
+            self.define_temporary(c.name, c.type, mutable=True)
             self.require(c.written or c.name not in changed, f"`{c.name}` is changed, not stored")
 
     # ------------------------------------------------------------ statements
 
-    def define(self, name: str, t: Type, *, mutable: bool = False) -> None:
+    def define_temporary(self, name: str, t: Type, *, mutable: bool = False) -> None:
         self.require(name not in self.taken, f"`{name}` is defined twice")
         self.taken.add(name)
         self.scope[name] = t
         if mutable:
             self.mutable.add(name)
 
-    def block(self, statements: tuple[core.Stmt, ...]) -> None:
+    def check_block(self, statements: tuple[core.Stmt, ...]) -> None:
         """Checks statements one after the other."""
         for s in statements:
             rule = getattr(self, f"_check_{type(s).__name__.lower()}", None)
@@ -191,10 +191,10 @@ class _Body:
                 self.require(False, f"{type(s).__name__} is no statement")
 
     def check_inner_block(self, statements: tuple[core.Stmt, ...], *facts: core.Expr) -> None:
-        """Checks a block whose temporaries end with it, and in which some facts hold."""
+        """Checks a block whose temporaries end with it, and in which `facts` hold."""
         scope, before = dict(self.scope), set(self.facts)
         self.facts |= set(facts)
-        self.block(statements)
+        self.check_block(statements)
         self.scope, self.facts = scope, before
         self.forget_facts(written_names(statements))
 
@@ -207,7 +207,7 @@ class _Body:
 
     def _check_let(self, s: core.Let) -> None:
         self.check_expr(s.value)
-        self.define(s.name, s.value.type, mutable=s.mutable)
+        self.define_temporary(s.name, s.value.type, mutable=s.mutable)
 
     def _check_checked(self, s: core.Checked) -> None:
         operands, result = CHECKED.get(s.op, ((), None))
@@ -216,18 +216,18 @@ class _Body:
             self.check_value(e, t)
         self.require(fits_into(s.type, result), f"`{s.op}` gives no {s.type}")
         self.require((s.op == "index") == (s.limit is not None), f"the limit of `{s.op}`")
-        self.define(s.name, s.type)
+        self.define_temporary(s.name, s.type)
         if s.limit is not None:
             self.check_value(s.limit, INT)
             index = core.Var(s.type, s.name)
-            self.facts |= {_fact(index, "<", s.limit), _fact(index, ">=", ZERO)}
+            self.facts |= {_comparison(index, "<", s.limit), _comparison(index, ">=", ZERO)}
 
     def _check_choose(self, s: core.Choose) -> None:
         known = isinstance(s.type, (BoolType, EnumType, IntType)) and s.count > 0
         self.require(known and not self.pure, f"a choice among {s.count} of {s.type}")
         if s.ages is not None:
-            self.check_change(s.ages)
-        self.define(s.name, s.type)
+            self.require_variable(s.ages)
+        self.define_temporary(s.name, s.type)
 
     def _check_guard(self, s: core.Guard) -> None:
         self.check_value(s.condition, BOOL)
@@ -243,19 +243,19 @@ class _Body:
             for e, t in zip(s.arguments, types, strict=False):
                 self.check_value(e, t)
             self.require(s.type == f.result_type, f"`{f.name}` gives no {s.type}")
-        self.define(s.name, s.type)
+        self.define_temporary(s.name, s.type)
 
     def _check_set(self, s: core.Set) -> None:
-        place = place_of(s)
+        place = changed_part(s)
         self.check_expr(place)
         self.check_value(s.value, place.type)
-        self.check_change(s.name)
+        self.require_variable(s.name)
 
     def _check_push(self, s: core.Push) -> None:
-        place = place_of(s)
+        place = changed_part(s)
         self.check_expr(place)
         self.check_value(s.value, place.type.element if isinstance(place.type, ListType) else None)
-        self.check_change(s.name)
+        self.require_variable(s.name)
 
     def _check_if(self, s: core.If) -> None:
         self.check_value(s.condition, BOOL)
@@ -267,9 +267,9 @@ class _Body:
         self.require(constant, f"ends {s.low!r} and {s.high!r} of a loop")
         self.forget_facts(written_names(s.body))
         scope = dict(self.scope)
-        self.define(s.variable, INT)
+        self.define_temporary(s.variable, INT)
         index = core.Var(INT, s.variable)
-        facts = (_fact(index, "<", core.Const(INT, s.high)), _fact(index, ">=", ZERO))
+        facts = (_comparison(index, "<", core.Const(INT, s.high)), _comparison(index, ">=", ZERO))
         self.check_inner_block(s.body, *(facts if constant and s.low >= 0 else ()))
         self.scope = scope
 
@@ -283,7 +283,7 @@ class _Body:
         self.require(known and burst == (s.limit is not None), f"output {s.output}, its limit")
         self.check_value(s.value, t)
 
-    def check_change(self, name: str) -> None:
+    def require_variable(self, name: str) -> None:
         known = name in self.scope and name in self.mutable
         self.require(known, f"`{name}` is changed, which is no variable here")
         self.forget_facts({name})
@@ -291,14 +291,14 @@ class _Body:
     # ------------------------------------------------------------ expressions
 
     def check_value(self, e: core.Expr, t: Type | None) -> None:
-        """Checks that an expression is a value of type `t`; with None, of a type that is none."""
+        """Checks that an expression is a value of type `t`; None: `t` was not to be found."""
         self.check_expr(e)
         if isinstance(e, core.Expr):
             ints = isinstance(e.type, IntType) and isinstance(t, IntType)
             self.require(ints or e.type == t, f"{type(e).__name__} is {e.type}, not {t}")
 
     def check_expr(self, e: core.Expr) -> None:
-        """Checks that an expression is of a pure kind, with parts and a value of right types."""
+        """Checks that an expression is pure, with parts and a value of the right types."""
         rule = getattr(self, f"_check_{type(e).__name__.lower()}", None)
         if not isinstance(e, core.Expr) or rule is None:
             self.require(False, f"{type(e).__name__} is no pure expression")
@@ -346,7 +346,7 @@ class _Body:
         elif e.op not in ("==", "!="):
             t = None
         if e.op == "/" and not (isinstance(e.right, core.Const) and e.right.value != 0.0):
-            guarded = _fact(e.right, "!=", core.Const(FLOAT, 0.0)) in self.facts
+            guarded = _comparison(e.right, "!=", core.Const(FLOAT, 0.0)) in self.facts
             self.require(guarded, "a divisor that was not guarded")
         return FLOAT if e.op in ARITHMETIC else BOOL, [(e.left, t), (e.right, t)]
 
@@ -375,8 +375,8 @@ class _Body:
             return bool(0 <= index.value < t.size)
         sizes = range(t.size + 1) if isinstance(t, ArrayType) else ()
         limits = [*(core.Const(INT, n) for n in sizes), core.Length(INT, target)]
-        below = any(_fact(index, "<", limit) in self.facts for limit in limits)
-        return below and _fact(index, ">=", ZERO) in self.facts
+        below = any(_comparison(index, "<", limit) in self.facts for limit in limits)
+        return below and _comparison(index, ">=", ZERO) in self.facts
 
     def _check_length(self, e: core.Length) -> Rule:
         return (INT if isinstance(e.target.type, ListType) else None), [(e.target, e.target.type)]
@@ -389,7 +389,7 @@ class _Body:
     # ------------------------------------------------------------ one exit
 
     def may_have_left(self, statements: tuple[core.Stmt, ...], leave: str, *, left: bool) -> bool:
-        """Whether a function may have left after these statements; then none has an effect."""
+        """Whether the function may have returned after these statements; then none acts."""
         still_here = core.Unary(BOOL, "not", core.Var(BOOL, leave))
         for s in statements:
             if isinstance(s, core.If):

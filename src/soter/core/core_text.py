@@ -36,7 +36,7 @@ UNARY = {"neg": "-{}", "not": "!{}"}
 
 
 def core_text(system: System, lowered: core.CoreSystem) -> str:
-    """The functions, steps and predicates of a system, in the order in which Core has them."""
+    """Gives the functions, steps and predicates of a system as text, in the order of Core."""
     text = _Text(system)
     parts = [text.function_lines(f) for f in lowered.functions]
     parts += [text.node_lines(step) for step in lowered.nodes.values()]
@@ -62,8 +62,8 @@ def _named_predicates(
     yield from zip((f"measure {m.name}" for m in system.measures), lowered.measures, strict=True)
 
 
-def place_of(s: core.Set | core.Push) -> core.Expr:
-    """The part of a temporary that a statement changes, as what would read it."""
+def changed_part(s: core.Set | core.Push) -> core.Expr:
+    """Gives the part of a temporary that a statement changes, as an expression that reads it."""
     e: core.Expr = core.Var(s.type, s.name)
     for step in s.path:
         t: Any = e.type
@@ -88,7 +88,7 @@ class _Text:
     # ------------------------------------------------------------ expressions
 
     def expr_text(self, e: core.Expr) -> str:
-        """An expression, in parentheses where it would otherwise be read in another order."""
+        """Gives the text of an expression, in parentheses unless it is a single term."""
         if isinstance(e, core.Const):
             value = _constant_text(e.type, e.value)
             return value if e.name in (None, value) else f"{value}'{e.name}"
@@ -106,14 +106,14 @@ class _Text:
             return f"{e.op}({self.expr_text(e.left)}, {self.expr_text(e.right)})"
         if isinstance(e, core.Select):
             return "({} ? {} : {})".format(*map(self.expr_text, (e.condition, e.then, e.otherwise)))
-        return self._part_or_whole(e)
+        return self._text_of_parts_or_literal(e)
 
     def whole_text(self, e: core.Expr) -> str:
-        """Gives an expression that stands alone, without parentheses around it."""
+        """Gives the text of an expression that stands alone, without parentheses around it."""
         text = self.expr_text(e)
         return text[1:-1] if isinstance(e, (core.Binary, core.Select)) else text
 
-    def _part_or_whole(self, e: core.Expr) -> str:
+    def _text_of_parts_or_literal(self, e: core.Expr) -> str:
         if isinstance(e, core.Field):
             assert isinstance(e.target.type, RecordType), e
             return f"{self.expr_text(e.target)}.{e.target.type.fields[e.index][0]}"
@@ -122,7 +122,7 @@ class _Text:
         if isinstance(e, core.Length):
             return f"len({self.expr_text(e.target)})"
         assert isinstance(e, core.Make), e
-        return _made_text(e.type, [self.expr_text(x) for x in e.elements])
+        return _text_of_aggregate(e.type, [self.expr_text(x) for x in e.elements])
 
     def cell_text(self, cell: core.Cell) -> str:
         owner = "" if cell.kind == "topic" else f"{self.system.components[cell.owner].name}."
@@ -157,13 +157,13 @@ class _Text:
             limit = "" if s.limit is None else f", {s.limit} at most"
             yield f"publish {s.output} = {self.whole_text(s.value)}{limit}"
         elif isinstance(s, core.Set):
-            yield f"set {self.expr_text(place_of(s))} = {self.whole_text(s.value)}"
+            yield f"set {self.expr_text(changed_part(s))} = {self.whole_text(s.value)}"
         elif isinstance(s, core.Push):
-            yield f"push {self.expr_text(place_of(s))}, {self.whole_text(s.value)}"
+            yield f"push {self.expr_text(changed_part(s))}, {self.whole_text(s.value)}"
         else:
-            yield self._new_temporary(s)
+            yield self._text_of_new_temporary(s)
 
-    def _new_temporary(self, s: core.Stmt) -> str:
+    def _text_of_new_temporary(self, s: core.Stmt) -> str:
         if isinstance(s, core.Let):
             word = "var" if s.mutable else "let"
             return f"{word} {s.name}: {s.value.type} = {self.whole_text(s.value)}"
@@ -255,18 +255,18 @@ def _constant_text(t: Type, value: Value) -> str:
     if isinstance(t, EnumType):
         return f"{t.name}.{t.members[value]}"
     if isinstance(t, RecordType):
-        return _made_text(
+        return _text_of_aggregate(
             t, [_constant_text(f, v) for (_, f), v in zip(t.fields, value, strict=True)]
         )
     if isinstance(t, (ArrayType, ListType)):
         first = [_constant_text(t.element, value[i]) for i in range(min(len(value), ELEMENTS_MAX))]
         more = len(value) - len(first)
         kind = "table " if isinstance(value, Table) else ""
-        return kind + _made_text(t, [*first, f"{more} more"] if more else first)
+        return kind + _text_of_aggregate(t, [*first, f"{more} more"] if more else first)
     return str(int(value)) if isinstance(t, IntType) else repr(value)
 
 
-def _made_text(t: Type, elements: list[str]) -> str:
+def _text_of_aggregate(t: Type, elements: list[str]) -> str:
     if not isinstance(t, RecordType):
         return f"[{', '.join(elements)}]"
     fields = [f"{n}: {text}" for (n, _), text in zip(t.fields, elements, strict=True)]

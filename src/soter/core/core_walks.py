@@ -29,7 +29,7 @@ _NOT_WALKED = frozenset({"type", "span", "value"})
 
 @cache
 def _code_fields(kind: type) -> tuple[tuple[str, type | tuple[type, ...]], ...] | None:
-    """The fields of a class of Core, the last one first, and what is code in each; else None."""
+    """Gives the fields of a class of Core, the last one first, with the code in each; else None."""
     if not issubclass(kind, (core.Expr, core.Stmt)):
         return None
     code = (tuple, core.Expr, core.Stmt)
@@ -39,7 +39,7 @@ def _code_fields(kind: type) -> tuple[tuple[str, type | tuple[type, ...]], ...] 
 
 
 def walk(root: object) -> Iterator[object]:
-    """Every Core expression and statement below `root`, in order."""
+    """Yields every Core expression and statement below `root`, in order."""
     stack = [root]
     while stack:
         node = stack.pop()
@@ -83,24 +83,24 @@ def written_names(statements: tuple[core.Stmt, ...]) -> set[str]:
 
 
 def written_topics(system: System, topic: int) -> list[core.Cell]:
-    """The cells that a publication changes: the topic and the queues behind it."""
+    """Gives the cells that a publication changes: the topic and the queues behind it."""
     indices = (topic, *system.topics[topic].queues)
     return [core.Cell("topic", i, system.topics[i].name) for i in indices]
 
 
-def always_published(code: tuple[core.Stmt, ...]) -> set[int]:
+def outputs_always_published(code: tuple[core.Stmt, ...]) -> set[int]:
     """Gives the outputs that every way through a step publishes."""
     outputs: set[int] = set()
     for s in code:
         if isinstance(s, core.Publish):
             outputs.add(s.output)
         elif isinstance(s, core.If):
-            outputs |= always_published(s.then) & always_published(s.otherwise)
+            outputs |= outputs_always_published(s.then) & outputs_always_published(s.otherwise)
     return outputs
 
 
 def operations_by_name(functions: tuple[Function, ...]) -> dict[str, int]:
-    """The operations of each function, by name; called functions come before their callers."""
+    """Gives function name -> operations; called functions come before their callers."""
     known: dict[str, int] = {}
     for f in functions:
         known[f.name] = operations(f.body, known)
@@ -108,7 +108,7 @@ def operations_by_name(functions: tuple[Function, ...]) -> dict[str, int]:
 
 
 def operations(body: tuple[Stmt, ...], known: dict[str, int]) -> int:
-    """Gives about how many expressions a body evaluates at most; `known`: those of functions."""
+    """Gives about how many expressions a body evaluates at most; `known` has the functions'."""
     count = 0
     for s in body:
         if isinstance(s, Loop):

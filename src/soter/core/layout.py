@@ -69,7 +69,7 @@ class Fixed:
 
     @cached_property
     def image(self) -> struct.Struct:
-        """The Python struct that packs it."""
+        """Gives the Python struct that packs it."""
         parts = [self._format(*f) for f in self.fields]
         return struct.Struct("<" + "".join(parts))
 
@@ -79,20 +79,20 @@ class Fixed:
 
     @property
     def size(self) -> int:
-        """Its size in bytes."""
+        """Gives the size of the struct in bytes."""
         return self.image.size
 
     def dtype(self) -> Any:  # noqa: ANN401 - numpy's dtype constructor argument
-        """The fields for a numpy dtype."""
+        """Gives the fields for a numpy dtype."""
         return [(n, t) if count == 1 else (n, t, (count,)) for n, t, count in self.fields]
 
     def pack_into(self, buffer: bytearray, offset: int, **values: int) -> None:
-        """Write one; `values` has every field but what is reserved, by name."""
+        """Writes one such struct; `values` has every field by name, but no reserved ones."""
         assert len(values) == len(self._names), values.keys() ^ set(self._names)
         self.image.pack_into(buffer, offset, *[values[name] for name in self._names])
 
     def unpack_from(self, buffer: bytes, offset: int) -> dict[str, int]:
-        """Every field but what is reserved, by name."""
+        """Gives name -> value of every field but reserved ones."""
         return dict(zip(self._names, self.image.unpack_from(buffer, offset), strict=True))
 
     @cached_property
@@ -155,7 +155,7 @@ class Scalar:
 
 @cache
 def scalar(t: Type) -> Scalar | None:
-    """Storage of a scalar type, None for aggregates."""
+    """Gives how a scalar type is stored, None for aggregates."""
     if isinstance(t, FloatType):
         return Scalar("d", 8, "double", "<f8")
     if isinstance(t, BoolType):
@@ -174,7 +174,7 @@ def scalar(t: Type) -> Scalar | None:
 
 
 def storage_range(s: Scalar) -> tuple[int, int]:
-    """The smallest and largest int that the storage can hold."""
+    """Gives the smallest and largest int that the storage can hold."""
     return next((low, high) for fmt, _, low, high, _, _ in INT_KINDS if fmt == s.format)
 
 
@@ -199,8 +199,8 @@ class Struct:
     padding: int
 
 
-def arrange(fields: tuple[tuple[str, Type], ...], minimum_align: int = 1) -> Struct:
-    """Order fields by alignment and place them without holes."""
+def lay_out(fields: tuple[tuple[str, Type], ...], minimum_align: int = 1) -> Struct:
+    """Gives a struct with the fields in order of alignment, without holes."""
     order = sorted(range(len(fields)), key=lambda i: -align_of(fields[i][1]))
     offset = 0
     members = []
@@ -218,16 +218,16 @@ LENGTH = IntType(0, 2**31 - 1)
 
 @cache
 def struct_of(t: Type) -> Struct:
-    """The struct behind a record or a bounded list (members `items` and `len`)."""
+    """Gives the struct behind a record or a bounded list (members `items` and `len`)."""
     if isinstance(t, RecordType):
-        return arrange(t.fields)
+        return lay_out(t.fields)
     assert isinstance(t, ListType)
-    return arrange((("items", ArrayType(t.element, t.capacity)), ("len", LENGTH)))
+    return lay_out((("items", ArrayType(t.element, t.capacity)), ("len", LENGTH)))
 
 
 @cache
 def size_of(t: Type) -> int:
-    """Bytes of a stored value."""
+    """Gives the bytes of a stored value."""
     s = scalar(t)
     if s is not None:
         return s.size
@@ -238,7 +238,7 @@ def size_of(t: Type) -> int:
 
 @cache
 def align_of(t: Type) -> int:
-    """Alignment of a stored value."""
+    """Gives the alignment of a stored value in bytes."""
     s = scalar(t)
     if s is not None:
         return s.size
@@ -248,9 +248,9 @@ def align_of(t: Type) -> int:
 
 
 def placed_leaves(t: Type, offset: int = 0) -> Iterator[tuple[tuple[str, ...], Type, int]]:
-    """Path, type and offset of each scalar of a value at `offset`, in declared order.
+    """Yields path, type and offset of each scalar of a value at `offset`, in declared order.
 
-    Paths are those of `leaves`; a list gives none, as its places are not always in use.
+    Paths are those of `leaves`; lists are left out, as not all of their places are in use.
     """
     if isinstance(t, RecordType):
         at = {m.index: m.offset for m in struct_of(t).members}
@@ -266,13 +266,13 @@ def placed_leaves(t: Type, offset: int = 0) -> Iterator[tuple[tuple[str, ...], T
 
 
 def _places_of_list(t: ListType) -> tuple[int, int]:
-    """Offsets of the items of a list and of its length."""
+    """Gives the offsets of a list's items and of its length."""
     at = {m.name: m.offset for m in struct_of(t).members}
     return at["items"], at["len"]
 
 
 def encode_into(buffer: bytearray, offset: int, t: Type, value: Value) -> None:
-    """Write a value's image; the buffer is zero there beforehand."""
+    """Writes a value's image into a buffer that is zero there."""
     s = scalar(t)
     if s is not None:
         if isinstance(t, FloatType) and value != value:  # noqa: PLR0124 - NaN is stored canonically
@@ -294,7 +294,7 @@ def encode_into(buffer: bytearray, offset: int, t: Type, value: Value) -> None:
 
 
 def image_of_members(layout: Struct, values: Mapping[str, Value]) -> bytes:
-    """The image of a struct, of one byte at least, whose members have these values, or zeros."""
+    """Gives the image, at least one byte, of a struct with these values; other members are 0."""
     image = bytearray(max(layout.size, 1))
     for member in layout.members:
         if member.name in values:
@@ -303,7 +303,7 @@ def image_of_members(layout: Struct, values: Mapping[str, Value]) -> bytes:
 
 
 def image_of_table(t: ArrayType | ListType, value: Table) -> bytes:
-    """The image of a table."""
+    """Gives the image of a table."""
     if isinstance(t, ArrayType) and isinstance(t.element, IntType) and sys.byteorder == "little":
         stored = scalar(t.element)
         assert stored is not None
@@ -322,7 +322,7 @@ def image_of_table(t: ArrayType | ListType, value: Table) -> bytes:
 
 
 def decode_from(buffer: Any, offset: int, t: Type) -> Value:  # noqa: ANN401 - any buffer
-    """Read a value back from its image. ValueError for a list longer than its type permits."""
+    """Reads a value from its image. ValueError for a list longer than its type permits."""
     s = scalar(t)
     if s is not None:
         value = struct.unpack_from("<" + s.format, buffer, offset)[0]
@@ -344,7 +344,7 @@ def decode_from(buffer: Any, offset: int, t: Type) -> Value:  # noqa: ANN401 - a
 
 
 def numpy_dtype(t: Type) -> Any:  # noqa: ANN401 - numpy's dtype constructor argument
-    """A numpy dtype (argument) of the same image."""
+    """Gives the numpy dtype, or what makes one, of values of a type as they are stored."""
     import numpy as np  # noqa: PLC0415 - only traces need numpy
 
     s = scalar(t)
@@ -395,19 +395,19 @@ class StateLayout:
     size: int
 
     def topic_offset(self, index: int) -> int:
-        """Byte offset of a topic's value."""
+        """Gives the byte offset of a topic's value."""
         group = self.groups[0]
         return group.offset + next(m.offset for m in group.struct.members if m.index == index)
 
     def member(self, owner: int, index: int) -> tuple[int, Type]:
-        """Offset and type of local or state number `index` of a component."""
+        """Gives offset and type of local or state number `index` of a component."""
         group = next(g for g in self.groups if g.owner == owner)
         m = next(m for m in group.struct.members if m.index == index)
         return group.offset + m.offset, m.type
 
 
 def state_layout(system: System) -> StateLayout:
-    """Lay out the state of a system."""
+    """Lays out the state of a system."""
     component_offset = HEADER.size
     module_offset = component_offset + len(system.components) * COMPONENT.size
     property_offset = module_offset + len(system.modules) * MODULE.size
@@ -420,7 +420,7 @@ def state_layout(system: System) -> StateLayout:
     ]
     for name, owner, variables in of:
         if variables or owner < 0:
-            layout = arrange(tuple((v.name, v.type) for v in variables), minimum_align=8)
+            layout = lay_out(tuple((v.name, v.type) for v in variables), minimum_align=8)
             groups.append(StructGroup(name, owner, layout, offset))
             offset += layout.size
     return StateLayout(
@@ -441,20 +441,20 @@ FIXED_FIELDS = ("header", "components", "modules", "properties", "stamps", "topi
 
 
 def group_field(group: StructGroup) -> str:
-    """The field of the dtype that holds a group: its name, or `header_` for one called `header`."""
+    """Gives the dtype's field of a group: its name, or `header_` for one called `header`."""
     taken = group.owner >= 0 and group.name.rstrip("_") in FIXED_FIELDS
     return f"{group.name}_" if taken else group.name
 
 
 def ac_share(state: Any, module: int) -> float:  # noqa: ANN401 - a record of `state_dtype`
-    """The share of the time until the last instant that a module, by its index, was in AC."""
+    """Gives which share of the time, up to the last instant, a module was in mode AC."""
     row, end = state["modules"][module], int(state["header"]["ct"])
     ac_ns = int(row["ac_ns"]) + (end - int(row["mode_since"]) if row["mode"] else 0)
     return ac_ns / end if end > 0 else 0.0
 
 
 def state_dtype(layout: StateLayout) -> np.dtype[Any]:
-    """The whole state as a numpy dtype: header, components, modules, properties, stamps, groups."""
+    """The numpy dtype of the state: header, components, modules, properties, stamps, groups."""
     import numpy as np  # noqa: PLC0415 - only traces need numpy
 
     groups = [g for g in layout.groups if g.struct.members]

@@ -34,12 +34,12 @@ if TYPE_CHECKING:
 
 
 def core_type(t: Type) -> Type:
-    """The type in Core: a duration is the int of its nanoseconds."""
+    """Gives the type in Core: a duration is the int of its nanoseconds."""
     return INT if isinstance(t, DurationType) else t
 
 
-def index_components(t: Type) -> list[tuple[tuple[int, ...], Type]]:
-    """Leaf selections of a vector type, in order; array elements as indices."""
+def positions_and_types(t: Type) -> list[tuple[tuple[int, ...], Type]]:
+    """Gives the positions and type of each leaf of a vector type, in order."""
     if isinstance(t, FloatType):
         return [((), t)]
     selections: list[tuple[tuple[int, ...], Type]] = []
@@ -51,12 +51,12 @@ def index_components(t: Type) -> list[tuple[tuple[int, ...], Type]]:
         else []
     )
     for i, part in parts:
-        selections.extend(((i, *path), leaf) for path, leaf in index_components(part))
+        selections.extend(((i, *path), leaf) for path, leaf in positions_and_types(part))
     return selections
 
 
 def select(e: core.Expr, path: tuple[int, ...]) -> core.Expr:
-    """Follow constant field and element indices."""
+    """Gives the part of `e` at constant positions of fields and elements."""
     for i in path:
         t = e.type
         if isinstance(e, core.Make):
@@ -72,7 +72,7 @@ def select(e: core.Expr, path: tuple[int, ...]) -> core.Expr:
 def rebuild(
     t: Type, leaf: Callable[[tuple[int, ...]], core.Expr], path: tuple[int, ...] = ()
 ) -> core.Expr:
-    """A vector value from its leaves."""
+    """Gives a vector value whose leaf at each path is `leaf(path)`."""
     if isinstance(t, RecordType):
         parts = [rebuild(f, leaf, (*path, i)) for i, (_, f) in enumerate(t.fields)]
         return core.Make(t, tuple(parts))
@@ -96,7 +96,7 @@ class Functions(Protocol):
         params: Mapping[typed.ParamSymbol, Value],
         maybe_nan: frozenset[typed.TypedExpr] = frozenset(),
     ) -> core.Function:
-        """The Core function of a source function where parameters have these values."""
+        """Gives the Core function of a source function for these values of parameters."""
 
 
 class ExpressionBuilder:
@@ -126,7 +126,7 @@ class ExpressionBuilder:
 
     # ------------------------------------------------------------ names and blocks
 
-    def fresh(self, base: str) -> str:
+    def unused_name(self, base: str) -> str:
         """Gives a name that is not used yet."""
         name, n = base, 2
         while name in self._taken:
@@ -135,9 +135,9 @@ class ExpressionBuilder:
         self._taken.add(name)
         return name
 
-    def bind(self, variable: typed.Variable, name: str | None = None) -> str:
-        """Gives a variable its name."""
-        chosen = self.fresh(name or variable.name.replace(" ", "_"))  # a hidden local's
+    def name_variable(self, variable: typed.Variable, name: str | None = None) -> str:
+        """Names the temporary of a variable; gives the name."""
+        chosen = self.unused_name(name or variable.name.replace(" ", "_"))  # a hidden local's
         self.names[variable] = chosen
         return chosen
 
@@ -149,7 +149,7 @@ class ExpressionBuilder:
             self.can_fault = True
         self._blocks[-1].append(stmt)
 
-    def capture(
+    def statements_of(
         self, action: Callable[[], core.Expr | None]
     ) -> tuple[tuple[core.Stmt, ...], core.Expr | None]:
         """Runs `action`; gives the statements that it emitted, and its expression."""
@@ -157,20 +157,20 @@ class ExpressionBuilder:
         value = action()
         return tuple(self._blocks.pop()), value
 
-    def finish(self) -> tuple[core.Stmt, ...]:
-        """Gives all that was emitted at the outermost level so far."""
+    def take_statements(self) -> tuple[core.Stmt, ...]:
+        """Gives all statements that were emitted at the outermost level, and removes them."""
         block = tuple(self._blocks[0])
         self._blocks[0] = []
         return block
 
     def let(self, span: Span, base: str, value: core.Expr, *, mutable: bool = False) -> core.Var:
         """Emits a new temporary that holds `value`."""
-        name = self.fresh(base)
+        name = self.unused_name(base)
         self.emit(core.Let(span, name, value, mutable))
         return core.Var(value.type, name)
 
     def atom(self, e: core.Expr, span: Span, base: str = "t") -> core.Expr:
-        """Gives the same value in a form that costs nothing to repeat."""
+        """Gives the same value as an expression that costs nothing to repeat."""
         probe = e
         while isinstance(probe, core.Field):
             probe = probe.target
@@ -181,7 +181,7 @@ class ExpressionBuilder:
     # ------------------------------------------------------------ expressions
 
     def expr(self, e: typed.TypedExpr) -> core.Expr:
-        """Gives a pure Core expression; statements for what may fault were emitted before."""
+        """Gives a pure Core expression; it has emitted statements for what may fault."""
         method = getattr(self, "_lower_" + type(e).__name__.removeprefix("Typed").lower())
         result = method(e)
         assert isinstance(result, core.Expr)
@@ -197,13 +197,13 @@ class ExpressionBuilder:
         return core.Var(e.type, self.names[e.variable])
 
     def topic_cell(self, topic: typed.TopicSymbol) -> core.Cell:
-        """The state cell of a topic in this scope."""
+        """Gives the state cell of a topic in this scope."""
         assert self.scope is not None
         index = self.scope.topics[topic]
         return core.Cell("topic", index, self.system.topics[index].name)
 
     def _lower_topicread(self, e: typed.TopicRead) -> core.Expr:
-        """The value of a topic; after a step's body, what the step publishes there, if it does."""
+        """The value of a topic; after a step's body, the step's publication if there is one."""
         old = core.Get(e.type, self.topic_cell(e.topic))
         new = self.published.get(e.topic)
         if new is None or new[0] is None:
@@ -280,7 +280,7 @@ class ExpressionBuilder:
         operands: tuple[core.Expr, ...],
         limit: core.Expr | None = None,
     ) -> core.Expr:
-        name = self.fresh({"index": "i", "narrow": "n"}.get(op, op))
+        name = self.unused_name({"index": "i", "narrow": "n"}.get(op, op))
         self.emit(core.Checked(span, name, t, op, operands, limit))
         return core.Var(t, name)
 
@@ -294,22 +294,22 @@ class ExpressionBuilder:
         if isinstance(e.type, (IntType, DurationType)):
             return self._checked(e.span, INT_OPS[e.op], INT, (left, right))
         if e.op == "/":
-            right = self._divisor(right, e.right.span)
+            right = self._nonzero_divisor(right, e.right.span)
         return core.Binary(FLOAT, e.op, left, right)
 
     def _compared(self, operand: typed.TypedExpr) -> core.Expr:
-        """An operand of a comparison, or of what compares its parts."""
+        """Gives an operand of a comparison; a check for NaN was emitted if it may be NaN."""
         value = self.expr(operand)
         if operand not in self.maybe_nan:
             return value
         if isinstance(operand.type, FloatType):
             return self._checked(operand.span, "number", FLOAT, (value,))
         value = self.atom(value, operand.span, "v")
-        for path, _ in index_components(operand.type):
+        for path, _ in positions_and_types(operand.type):
             self._checked(operand.span, "number", FLOAT, (select(value, path),))
         return value
 
-    def _divisor(self, right: core.Expr, span: Span) -> core.Expr:
+    def _nonzero_divisor(self, right: core.Expr, span: Span) -> core.Expr:
         if isinstance(right, core.Const) and right.value != 0.0:
             return right
         right = self.atom(right, span, "d")
@@ -321,7 +321,7 @@ class ExpressionBuilder:
         left = self.expr(e.left)
         if isinstance(left, core.Const):
             return self.expr(e.right) if left.value == (e.op == "&&") else left
-        block, right = self.capture(lambda: self.expr(e.right))
+        block, right = self.statements_of(lambda: self.expr(e.right))
         assert right is not None
         if not block:
             return core.Binary(BOOL, e.op, left, right)
@@ -336,7 +336,7 @@ class ExpressionBuilder:
         right_value = self.expr(e.right)
         right_is_scalar = isinstance(e.right.type, FloatType)
         if e.op == "/":
-            right = self._divisor(right_value, e.right.span)
+            right = self._nonzero_divisor(right_value, e.right.span)
         else:
             right = self.atom(right_value, e.right.span, "b")
         left_is_scalar = isinstance(e.left.type, FloatType)
@@ -352,8 +352,8 @@ class ExpressionBuilder:
         condition = self.expr(e.condition)
         if isinstance(condition, core.Const):
             return self.expr(e.then if condition.value else e.otherwise)
-        then_block, then = self.capture(lambda: self.expr(e.then))
-        else_block, otherwise = self.capture(lambda: self.expr(e.otherwise))
+        then_block, then = self.statements_of(lambda: self.expr(e.then))
+        else_block, otherwise = self.statements_of(lambda: self.expr(e.otherwise))
         assert then is not None
         assert otherwise is not None
         t = core_type(e.type)
@@ -368,7 +368,7 @@ class ExpressionBuilder:
     def _lower_call(self, e: typed.TypedCall) -> core.Expr:
         arguments = tuple(self.expr(a) for a in e.arguments)
         function = self.functions.require(e.fun, self.params, self.maybe_nan)
-        name = self.fresh(e.fun.name.rsplit(".", 1)[-1].lower())
+        name = self.unused_name(e.fun.name.rsplit(".", 1)[-1].lower())
         self.emit(core.Call(e.span, name, function.name, arguments, e.type))
         return core.Var(e.type, name)
 
@@ -420,7 +420,7 @@ class ExpressionBuilder:
 
     def _dot(self, a: core.Expr, b: core.Expr) -> core.Expr:
         total: core.Expr | None = None
-        for path, _ in index_components(a.type):
+        for path, _ in positions_and_types(a.type):
             product = core.Binary(FLOAT, "*", select(a, path), select(b, path))
             total = product if total is None else core.Binary(FLOAT, "+", total, product)
         assert total is not None
@@ -436,7 +436,7 @@ class ExpressionBuilder:
         target = self.expr(e.target)
         if not isinstance(target, core.Const):
             target = self._indexable(target, e.target.span)
-        index = self.safe_index(target, self.expr(e.index), e.index.span)
+        index = self.index_inside(target, self.expr(e.index), e.index.span)
         return core.Element(e.type, target, index)
 
     def _indexable(self, e: core.Expr, span: Span) -> core.Expr:
@@ -446,8 +446,8 @@ class ExpressionBuilder:
             probe = probe.target
         return e if isinstance(probe, (core.Var, core.Get, core.Const)) else self.let(span, "v", e)
 
-    def safe_index(self, target: core.Expr, index: core.Expr, span: Span) -> core.Expr:
-        """Gives an index that is inside, whatever happens; a fault if the given one is not."""
+    def index_inside(self, target: core.Expr, index: core.Expr, span: Span) -> core.Expr:
+        """Gives an index that is surely inside; a fault was emitted for a wrong `index`."""
         t = target.type
         if isinstance(t, ArrayType):
             if isinstance(index, core.Const) and 0 <= index.value < t.size:
@@ -468,11 +468,11 @@ class ExpressionBuilder:
         return core.Make(e.type, tuple(values))
 
     def _lower_choose(self, e: typed.TypedChoose) -> core.Expr:
-        """The options first, left to right; then the choice, also where there is only one."""
+        """Lowers the options, left to right, and then the choice, also of one option."""
         options = [self.atom(self.expr(o), o.span, "option") for o in e.options]
         ages = None if e.ages is None else self.names[e.ages]
         t = INT if options else core_type(e.type)
-        name = self.fresh("choice")
+        name = self.unused_name("choice")
         self.emit(core.Choose(e.span, name, t, e.count, 0 if options else e.low, ages))
         chosen = core.Var(t, name)
         if not options:

@@ -15,7 +15,7 @@ from soter.core.core_check import broken_promises
 from soter.core.lower_expressions import ExpressionBuilder
 from soter.language.check.statements import always_returns
 from soter.language.evaluate.arithmetic import FaultKind
-from soter.language.evaluate.predicates import operands_in
+from soter.language.evaluate.predicates import operands_compared_by
 from soter.language.model import typed
 from soter.language.model.tree_walk import nodes
 from soter.language.model.types import BOOL, INT, ArrayType, ListType, RecordType, default_value
@@ -29,10 +29,10 @@ if TYPE_CHECKING:
     from soter.language.model.types import Type, Value
 
 
-def _with_rest(s: typed.TypedIf, rest: tuple[typed.TypedStmt, ...]) -> typed.TypedIf | None:
-    """An `if` whose one arm that does not return gets `rest`; None where several do not return.
+def _if_with_rest(s: typed.TypedIf, rest: tuple[typed.TypedStmt, ...]) -> typed.TypedIf | None:
+    """Gives an `if` whose only arm that does not return continues with `rest`; or None.
 
-    None as well where that arm returns sometimes.
+    None if several arms do not return, or that arm returns only sometimes.
     """
     arms = [*(b for _, b in s.arms), s.otherwise]
     falling = [i for i, b in enumerate(arms) if not always_returns(b)]
@@ -62,7 +62,7 @@ class Builder(ExpressionBuilder):
     # ------------------------------------------------------------ statements
 
     def block(self, statements: tuple[typed.TypedStmt, ...]) -> None:
-        """Lower a sequence; what follows a possible return runs only if it did not happen."""
+        """Lowers statements; those after a possible return run only if it did not happen."""
         for position, s in enumerate(statements):
             rest = statements[position + 1 :]
             if self._result is not None and may_return(s):
@@ -74,15 +74,15 @@ class Builder(ExpressionBuilder):
         if isinstance(s, typed.TypedReturn):
             self.lower_statement(s)
             return
-        if isinstance(s, typed.TypedIf) and (whole := _with_rest(s, rest)) is not None:
+        if isinstance(s, typed.TypedIf) and (whole := _if_with_rest(s, rest)) is not None:
             self._lower_if(whole)
             return
         if self.leave is None:
-            self.leave = self.fresh("done")
+            self.leave = self.unused_name("done")
             self._blocks[0].insert(0, core.Let(s.span, self.leave, core.Const(BOOL, False), True))
         self.lower_statement(s)
         if rest:
-            inner, _ = self.capture(lambda: self.block(rest))
+            inner, _ = self.statements_of(lambda: self.block(rest))
             if inner:
                 undone = core.Unary(BOOL, "not", core.Var(BOOL, self.leave))
                 self.emit(core.If(rest[0].span, undone, inner, ()))
@@ -91,7 +91,7 @@ class Builder(ExpressionBuilder):
         """Lower one statement."""
         if isinstance(s, typed.TypedDeclare):
             value = self.expr(s.value)
-            name = self.bind(s.variable)
+            name = self.name_variable(s.variable)
             self.emit(core.Let(s.span, name, value, s.variable.kind == "var"))
         elif isinstance(s, typed.TypedAssign):
             path = self._lowered_path(s.place)
@@ -131,7 +131,7 @@ class Builder(ExpressionBuilder):
                 path.append(step)
                 prefix = core.Field(t.fields[step][1], prefix, step)
             else:
-                index = self.safe_index(prefix, self.expr(step), step.span)
+                index = self.index_inside(prefix, self.expr(step), step.span)
                 assert isinstance(t, (ArrayType, ListType))
                 path.append(index)
                 prefix = core.Element(t.element, prefix, index)
@@ -148,25 +148,25 @@ class Builder(ExpressionBuilder):
             else:
                 self.block(s.otherwise)
             return
-        then, _ = self.capture(lambda: self.block(body))
+        then, _ = self.statements_of(lambda: self.block(body))
         if more:
             rest = typed.TypedIf(more[0][0].span, tuple(more), s.otherwise)
-            otherwise, _ = self.capture(lambda: self._lower_if(rest))
+            otherwise, _ = self.statements_of(lambda: self._lower_if(rest))
         else:
-            otherwise, _ = self.capture(lambda: self.block(s.otherwise))
+            otherwise, _ = self.statements_of(lambda: self.block(s.otherwise))
         self.emit(core.If(s.span, c, then, otherwise))
 
     def _lower_guarded_body(self, body: tuple[typed.TypedStmt, ...], span: Span) -> None:
-        """A loop body that is skipped once the function has returned."""
+        """Lowers a loop's body, which is skipped once the function has returned."""
         if self.leave is None or self._result is None or not any(may_return(x) for x in body):
             self.block(body)
             return
-        inner, _ = self.capture(lambda: self.block(body))
+        inner, _ = self.statements_of(lambda: self.block(body))
         self.emit(core.If(span, core.Unary(BOOL, "not", core.Var(BOOL, self.leave)), inner, ()))
 
     def _lower_for_range(self, s: typed.ForRange) -> None:
-        name = self.bind(s.variable)
-        body, _ = self.capture(lambda: self._lower_guarded_body(s.body, s.span))
+        name = self.name_variable(s.variable)
+        body, _ = self.statements_of(lambda: self._lower_guarded_body(s.body, s.span))
         if s.low < s.high:
             self.emit(core.Loop(s.span, name, s.low, s.high, body))
 
@@ -175,16 +175,16 @@ class Builder(ExpressionBuilder):
         if not isinstance(sequence, core.Const) or not isinstance(sequence.value, Table):
             sequence = self.let(s.span, "items", sequence)
         t = sequence.type
-        index = self.fresh("k")
+        index = self.unused_name("k")
         i = core.Var(INT, index)
         assert isinstance(t, (ArrayType, ListType))
 
         def body() -> None:
-            name = self.bind(s.variable)
+            name = self.name_variable(s.variable)
             self.emit(core.Let(s.span, name, core.Element(t.element, sequence, i)))
             self._lower_guarded_body(s.body, s.span)
 
-        block, _ = self.capture(body)
+        block, _ = self.statements_of(body)
         limit = t.size if isinstance(t, ArrayType) else t.capacity
         if isinstance(t, ListType):
             inside = core.Binary(BOOL, "<", i, core.Length(INT, sequence))
@@ -196,7 +196,7 @@ class Builder(ExpressionBuilder):
     def function_body(
         self, body: tuple[typed.TypedStmt, ...], result: Type, span: Span
     ) -> tuple[tuple[core.Stmt, ...], core.Expr]:
-        """Statements and result of a function, with a single exit."""
+        """Gives statements and result of a function, with a single exit."""
         straight = (
             body
             and isinstance(body[-1], typed.TypedReturn)
@@ -208,15 +208,15 @@ class Builder(ExpressionBuilder):
             for s in body[:-1]:
                 self.lower_statement(s)
             value = self.expr(last.value)
-            return self.finish(), value
-        name = self.fresh("result")
+            return self.take_statements(), value
+        name = self.unused_name("result")
         self.emit(core.Let(span, name, core.Const(result, default_value(result)), True))
         self._result = (name, result)
-        if needs_flag(body):
-            self.leave = self.fresh("done")
+        if needs_return_flag(body):
+            self.leave = self.unused_name("done")
             self.emit(core.Let(span, self.leave, core.Const(BOOL, False), True))
         self.block(body)
-        return self.finish(), core.Var(result, name)
+        return self.take_statements(), core.Var(result, name)
 
 
 def may_return(s: typed.TypedStmt) -> bool:
@@ -230,13 +230,13 @@ def may_return(s: typed.TypedStmt) -> bool:
     return False
 
 
-def needs_flag(body: tuple[typed.TypedStmt, ...]) -> bool:
-    """Whether some loop may return: then a flag says so from the start."""
+def needs_return_flag(body: tuple[typed.TypedStmt, ...]) -> bool:
+    """Whether a loop may return; then a flag tells whether it did."""
     for s in body:
         if isinstance(s, (typed.ForRange, typed.ForEach)) and may_return(s):
             return True
         if isinstance(s, typed.TypedIf) and any(
-            needs_flag(b) for b in (*(b for _, b in s.arms), s.otherwise)
+            needs_return_flag(b) for b in (*(b for _, b in s.arms), s.otherwise)
         ):
             return True
     return False
@@ -253,7 +253,7 @@ class FunctionTable:
         self._reads: dict[typed.FunSymbol, frozenset[typed.ParamSymbol]] = {}
 
     def unique_name(self, base: str) -> str:
-        """A function name not taken yet."""
+        """Gives a function name not taken yet."""
         name, n = base.replace(".", "_"), 2
         while name in self.by_name:
             name = f"{base.replace('.', '_')}_{n}"
@@ -261,7 +261,7 @@ class FunctionTable:
         return name
 
     def add(self, function: core.Function) -> None:
-        """Enter a function, which may call those that are entered."""
+        """Enters a function, all of whose callees are entered."""
         assert not (found := broken_promises(self.system, self.by_name, function)), found
         self.by_name[function.name] = function
 
@@ -271,20 +271,20 @@ class FunctionTable:
         params: Mapping[typed.ParamSymbol, Value],
         maybe_nan: frozenset[typed.TypedExpr] = frozenset(),
     ) -> core.Function:
-        """The Core function of a source function where parameters have these values.
+        """Gives the Core function of a source function for these values of parameters.
 
-        All calls share it in which the parameters that it reads are the same, and the same
-        compared operands are checked for NaN.
+        Calls share it if the parameters that it reads have equal values, and the same compared
+        operands are checked for NaN.
         """
-        looked_at = maybe_nan & operands_in(fun) if maybe_nan else maybe_nan
-        plain = fun, *sorted((p.name, repr(params[p])) for p in self._reads_of(fun))
+        looked_at = maybe_nan & operands_compared_by(fun) if maybe_nan else maybe_nan
+        plain = fun, *sorted((p.name, repr(params[p])) for p in self._params_of(fun))
         key = looked_at, *plain
         known = self._made.get(key)
         if known is not None:
             return known
         builder = Builder(self, self.system, None, params)
         builder.maybe_nan = looked_at
-        parameters = tuple(core.Parameter(builder.bind(p), p.type) for p in fun.parameters)
+        parameters = tuple(core.Parameter(builder.name_variable(p), p.type) for p in fun.parameters)
         if fun.body is None:
             body: tuple[core.Stmt, ...] = ()
             result: core.Expr | None = None
@@ -310,14 +310,14 @@ class FunctionTable:
         self.add(function)
         return function
 
-    def _reads_of(self, fun: typed.FunSymbol) -> frozenset[typed.ParamSymbol]:
-        """The parameters that a function reads, itself or in what it calls."""
+    def _params_of(self, fun: typed.FunSymbol) -> frozenset[typed.ParamSymbol]:
+        """Gives the parameters that a function or its callees read."""
         known = self._reads.get(fun)
         if known is None:
             body = list(nodes(fun.body or ()))
             params = {n.param for n in body if isinstance(n, typed.ParamRead)}
             params |= {
-                p for n in body if isinstance(n, typed.TypedCall) for p in self._reads_of(n.fun)
+                p for n in body if isinstance(n, typed.TypedCall) for p in self._params_of(n.fun)
             }
             known = self._reads[fun] = frozenset(params)
         return known

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 def lower_plant(functions: FunctionTable, system: System, component: Component) -> core.PlantStep:
-    """One release of a plant."""
+    """Gives the Core of one release of a plant."""
     return _Plant(functions, system, component).lower()
 
 
@@ -46,29 +46,29 @@ class _Plant:
     def lower(self) -> core.PlantStep:
         b, plant = self.builder, self.plant
         for v in plant.states:
-            name = b.bind(v)
+            name = b.name_variable(v)
             written = plant.extern or v in plant.der or v in plant.next
             cell = core.Cell("state", self.component.index, v.name)
             self.copies.append(core.LocalCopy(cell, name, v.type, written))
         disturbances = []
         for d in self.component.disturbances:
-            name = b.bind(d.variable)
+            name = b.name_variable(d.variable)
             draws = tuple(core.Draw(s, d.low, d.high, d.hold_ns) for s in d.streams)
             disturbances.append((name, d.variable.type, draws))
         for variable, value in first_lets(plant):
             self._emit_let(variable, value)
-        choose = b.finish()
+        choose = b.take_statements()
         integrate: tuple[core.Stmt, ...] = ()
         if not plant.extern:
-            self._integrate()
-            integrate = b.finish()
+            self._emit_motion()
+            integrate = b.take_statements()
         self._emit_lets()
         outputs = []
         for number, (topic, value) in enumerate(plant.drives):
             b.emit(core.Publish(plant.span, number, b.expr(value)))
             index = self.component.scope.topics[topic]
             outputs.append(core.Output(index, topic.type, self.system.topics[index].bounds))
-        publish = b.finish()
+        publish = b.take_statements()
         by_topic = {o.topic: i for i, o in enumerate(outputs)}
         noise = tuple(
             (by_topic[m.topic], m.leaf, core.Draw(m.stream, -m.bound, m.bound, -1))
@@ -100,10 +100,10 @@ class _Plant:
 
     def _emit_let(self, variable: typed.Variable, value: typed.TypedExpr) -> None:
         e = self.builder.expr(value)
-        name = self.builder.bind(variable)
+        name = self.builder.name_variable(variable)
         self.builder.emit(core.Let(self.plant.span, name, e))
 
-    def _integrate(self) -> None:
+    def _emit_motion(self) -> None:
         b, plant, span = self.builder, self.plant, self.plant.span
         new: list[tuple[typed.Variable, core.Expr]] = []
         if plant.next:
@@ -111,14 +111,14 @@ class _Plant:
             for v, e in plant.next.items():
                 new.append((v, b.let(span, f"next_{v.name}", b.expr(e))))
         if plant.der:
-            x = self._integrated()
+            x = self._integrated_states()
             for i, v in enumerate(plant.der):
                 t = v.type
                 new.append((v, core.Field(t, x, i)))
         for v, value in new:
             b.emit(core.Set(span, b.names[v], v.type, (), value))
 
-    def _integrated(self) -> core.Expr:
+    def _integrated_states(self) -> core.Expr:
         """Integrates all `der` states together; gives the record of their new values."""
         b, plant, span = self.builder, self.plant, self.plant.span
         step_of_scheme = STEPS[plant.method]
@@ -129,7 +129,7 @@ class _Plant:
         x = b.let(span, "x", old, mutable=True)
 
         def f(at: core.Expr, name: str) -> core.Var:
-            result = b.fresh(name)
+            result = b.unused_name(name)
             b.emit(core.Call(span, result, function.name, (at, *extra), record))
             return core.Var(record, result)
 
@@ -140,17 +140,17 @@ class _Plant:
         if self.component.substeps == 1:
             step()
         else:
-            body, _ = b.capture(step)
-            b.emit(core.Loop(span, b.fresh("substep"), 0, self.component.substeps, body))
+            body, _ = b.statements_of(step)
+            b.emit(core.Loop(span, b.unused_name("substep"), 0, self.component.substeps, body))
         return x
 
     def euler(self, record: RecordType, x: core.Var, f: Derivative, h: float) -> core.Expr:
-        """Gives the record after one step of Euler's scheme."""
+        """Gives the record of states after one step of Euler's scheme."""
         k = f(x, "k1")
         return rebuild(record, lambda p: _sum(select(x, p), _scaled(h, select(k, p))))
 
     def rk4(self, record: RecordType, x: core.Var, f: Derivative, h: float) -> core.Expr:
-        """Gives the record after one step of the classical Runge-Kutta scheme."""
+        """Gives the record of states after one step of the classical Runge-Kutta scheme."""
         b, span = self.builder, self.plant.span
 
         def moved(name: str, scale: float, k: core.Var) -> core.Var:
@@ -172,33 +172,33 @@ class _Plant:
         return rebuild(record, leaf)
 
     def _derivative(self, record: RecordType) -> tuple[core.Function, tuple[core.Expr, ...]]:
-        """The right-hand side as a function of the `der` states and everything else it reads."""
+        """Gives the right-hand side as a function of the `der` states, and its other arguments."""
         outer, plant, span = self.builder, self.plant, self.plant.span
         inner = _RightHandSide(self.functions, self.system, self.component.scope)
         inner.period_ns = self.component.period_ns
-        parameters = [core.Parameter(inner.fresh("x"), record)]
+        parameters = [core.Parameter(inner.unused_name("x"), record)]
         extra: list[core.Expr] = []
         for i, v in enumerate(plant.der):
-            name = inner.bind(v)
+            name = inner.name_variable(v)
             inner.emit(core.Let(span, name, core.Field(v.type, core.Var(record, "x"), i)))
         others = [v for v in plant.states if v not in plant.der]
         others += [d.variable for d in self.component.disturbances]
         others += self.chosen
         for v in others:
-            parameters.append(core.Parameter(inner.bind(v), v.type))
+            parameters.append(core.Parameter(inner.name_variable(v), v.type))
             extra.append(core.Var(v.type, outer.names[v]))
         for topic in plant.reads:
-            name = inner.fresh(topic.name.rsplit(".", 1)[-1])
+            name = inner.unused_name(topic.name.rsplit(".", 1)[-1])
             inner.topics[topic] = name
             parameters.append(core.Parameter(name, topic.type))
             extra.append(core.Get(topic.type, outer.topic_cell(topic)))
-        inner.time = inner.fresh("time")
+        inner.time = inner.unused_name("time")
         parameters.append(core.Parameter(inner.time, FLOAT))
         extra.append(core.Fact(FLOAT, "time"))
         for variable, value in plant.lets:
             if variable not in self.chosen:
                 e = inner.expr(value)
-                inner.emit(core.Let(span, inner.bind(variable), e))
+                inner.emit(core.Let(span, inner.name_variable(variable), e))
         values = tuple(inner.expr(e) for e in plant.der.values())
         for index, name in inner.ages.items():
             parameters.append(core.Parameter(name, FLOAT))
@@ -208,7 +208,7 @@ class _Plant:
             source_name=f"{plant.name}: der",
             parameters=tuple(parameters),
             result_type=record,
-            body=inner.finish(),
+            body=inner.take_statements(),
             result=core.Make(record, values),
             span=span,
             source=None,
@@ -242,7 +242,7 @@ class _RightHandSide(Builder):
         index = self.topic_cell(e.topic).owner
         if index not in self.ages:
             short = e.topic.name.rsplit(".", 1)[-1]
-            self.ages[index] = self.fresh(f"age_{short}")
+            self.ages[index] = self.unused_name(f"age_{short}")
         return core.Var(e.type, self.ages[index])
 
 

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 from soter.core import core
 from soter.core.core_check import broken_promises
 from soter.core.core_walks import footprint_of, written_names, written_topics
-from soter.core.lower_expressions import index_components, select
+from soter.core.lower_expressions import positions_and_types, select
 from soter.core.lower_statements import Builder, FunctionTable
 from soter.core.plants import lower_plant
 from soter.language.evaluate.arithmetic import FaultKind
-from soter.language.evaluate.predicates import all_operands, maybe_nan
+from soter.language.evaluate.predicates import maybe_nan, operands_compared_in
 from soter.language.model import typed
 from soter.language.model.read_together import permits_together
 from soter.language.model.system import queues_of
@@ -37,11 +37,13 @@ if TYPE_CHECKING:
 
 
 def outputs_of(system: System, component: Component) -> tuple[core.Output, ...]:
-    """Outputs of a node with the bounds the gate checks."""
+    """Gives the outputs of a node with the bounds that the gate checks."""
     node, topics = component.node, component.scope.topics
     assert node is not None
     return tuple(
-        core.Output(topics[t], node.given(t), system.topics[topics[t]].bounds, t in node.bursts)
+        core.Output(
+            topics[t], node.answer_type(t), system.topics[topics[t]].bounds, t in node.bursts
+        )
         for t in node.publishes
     )
 
@@ -53,13 +55,13 @@ def lower_node(functions: FunctionTable, system: System, component: Component) -
     builder = Builder(functions, system, component.scope)
     builder.period_ns = component.period_ns
     builder.outputs = {t: i for i, t in enumerate(node.publishes)}
-    names = [(v, builder.bind(v)) for v in node.locals]
+    names = [(v, builder.name_variable(v)) for v in node.locals]
     takeover: tuple[core.Stmt, ...] = ()
     if node.takeover is not None:
         builder.block(node.takeover)
-        takeover = builder.finish()
+        takeover = builder.take_statements()
     builder.block(node.step)
-    body = builder.finish()
+    body = builder.take_statements()
     written = written_names((*takeover, *body))
     copies = tuple(
         core.LocalCopy(core.Cell("local", component.index, v.name), name, v.type, name in written)
@@ -97,7 +99,7 @@ def lower_node(functions: FunctionTable, system: System, component: Component) -
 def _lower_shield(
     builder: Builder, component: Component, outputs: tuple[core.Output, ...]
 ) -> core.ShieldStep | None:
-    """The statements by which its module's shield judges what a controller publishes."""
+    """Gives the statements by which its module's shield judges a controller's commands."""
     system = builder.system
     module = None if component.module is None else system.modules[component.module]
     shield = None if module is None else module.shield
@@ -120,21 +122,21 @@ def _lower_shield(
     def judged() -> None:
         builder.emit(core.Set(span, name, topic.type, (), held))
         if judges:
-            _let_read(builder, module, topic.index, (None, name))
+            _read_new(builder, module, topic.index, (None, name))
         if proposed is not None:
             _note_proposals(builder, component, proposed[1], outputs, moves=judges)
         if judges:
-            _permit(builder, component, outputs)
+            _judge(builder, component, outputs)
 
-    then, _ = builder.capture(judged)
+    then, _ = builder.statements_of(judged)
     builder.emit(core.If(span, some, then, ()))
-    return core.ShieldStep(builder.finish(), cell, name, topic.type, proposed)
+    return core.ShieldStep(builder.take_statements(), cell, name, topic.type, proposed)
 
 
 def _topic_copy(builder: Builder, topic: Topic, base: str, span: Span) -> tuple[core.Cell, str]:
     """Gives the cell of a hidden topic, and the temporary that has its value."""
     cell = core.Cell("topic", topic.index, topic.name)
-    name = builder.fresh(base)
+    name = builder.unused_name(base)
     builder.emit(core.Let(span, name, core.Get(topic.type, cell), mutable=True))
     return cell, name
 
@@ -147,7 +149,7 @@ def _note_proposals(
     *,
     moves: bool,
 ) -> None:
-    """Notes the numbers that a controller would publish as proposals; moves them if it `moves`."""
+    """Notes the numbers that a controller would publish; replaces them if it `moves`."""
     assert component.module is not None
     system, span = builder.system, component.span
     module = system.modules[component.module]
@@ -155,7 +157,7 @@ def _note_proposals(
     assert module.shield.proposed is not None
     topic = system.topics[module.shield.proposed]
     number = {o.topic: k for k, o in enumerate(outputs)}
-    places = [(i, p) for i in module.outputs for p, _ in index_components(system.topics[i].type)]
+    places = [(i, p) for i in module.outputs for p, _ in positions_and_types(system.topics[i].type)]
     first = 0 if component.role == "ac" else len(places)
     for at, (i, place) in enumerate(places, first):
         if i not in number:
@@ -165,7 +167,7 @@ def _note_proposals(
         builder.emit(core.If(span, core.Fact(BOOL, "published", number[i]), (note,), ()))
     if not moves:
         return
-    _let_read(builder, module, topic.index, (None, name))
+    _read_new(builder, module, topic.index, (None, name))
     assert module.shield.moved is not None
     moved = builder.let(span, "moved", builder.expr(module.shield.moved))
     for at, (i, place) in enumerate(places):
@@ -195,21 +197,21 @@ def _move_output(
     builder.emit(core.If(span, core.Fact(BOOL, "published", output), (move,), ()))
 
 
-def _let_read(builder: Builder, module: Module, topic: int, new: tuple[int | None, str]) -> None:
-    """Lets code of a module that reads a topic get what the step publishes there."""
+def _read_new(builder: Builder, module: Module, topic: int, new: tuple[int | None, str]) -> None:
+    """Makes code of a module read on a topic what the step publishes there."""
     for symbol, index in module.scope.topics.items():
         if index == topic:
             builder.published[symbol] = new
 
 
-def _permit(builder: Builder, component: Component, outputs: tuple[core.Output, ...]) -> None:
-    """Makes AC's step fault unless the commands that may act behind it are permitted."""
+def _judge(builder: Builder, component: Component, outputs: tuple[core.Output, ...]) -> None:
+    """Makes AC's step fault unless the commands that may act after it are permitted."""
     assert component.module is not None
     module = builder.system.modules[component.module]
     number = {o.topic: k for k, o in enumerate(outputs)}
     for index, k in number.items():
         published = None if len(outputs) == 1 else k
-        _let_read(builder, module, index, (published, core.output_name(k)))
+        _read_new(builder, module, index, (published, core.output_name(k)))
     permits = builder.expr(permits_together(builder.system, module))
     builder.emit(core.Guard(component.span, permits, FaultKind.SHIELD))
 
@@ -223,7 +225,7 @@ def lower_predicate(
     period_ns: int = 0,
     looked_at: frozenset[typed.TypedExpr] = frozenset(),
 ) -> core.Predicate:
-    """A boolean over topics and truths; a contract knows the period of its node.
+    """Gives a boolean over topics and truths; `period_ns` is that of a contract's node.
 
     `looked_at`: operands of comparisons at which a NaN is a fault.
     """
@@ -231,7 +233,7 @@ def lower_predicate(
     builder.period_ns = period_ns
     builder.maybe_nan = looked_at
     value = builder.expr(condition)
-    body = builder.finish()
+    body = builder.take_statements()
     probe = core.Let(span, "value", value)
     footprint = footprint_of((*body, probe))
     predicate = core.Predicate(body, value, footprint, span, maybe_nan=bool(looked_at))
@@ -239,40 +241,40 @@ def lower_predicate(
     return predicate
 
 
-def lower_deciding(
+def lower_dm_predicate(
     functions: FunctionTable, system: System, module: Module, predicate: typed.TypedExpr
 ) -> core.Predicate:
-    """A predicate of the DM, or a part of one: a NaN that is compared is a fault."""
-    looked_at = maybe_nan(system, module, predicate) & all_operands(predicate)
+    """Gives a predicate of the DM, or a part of one; a compared NaN is a fault."""
+    looked_at = maybe_nan(system, module, predicate) & operands_compared_in(predicate)
     span = predicate.span
     return lower_predicate(functions, system, module.scope, predicate, span, looked_at=looked_at)
 
 
 def lower_decision(functions: FunctionTable, system: System, module: int) -> core.Decision:
-    """Gives the predicates of a module; those to be computed are `ttf` true, `safer` false."""
+    """Gives a DM's predicates; without `ttf` it is true, without `safer` false."""
     m = system.modules[module]
     span = m.symbol.span
     ttf = m.symbol.ttf or typed.Literal(BOOL, span, True)
     safer = m.symbol.safer or typed.Literal(BOOL, span, False)
     return core.Decision(
         module,
-        lower_deciding(functions, system, m, ttf),
-        lower_deciding(functions, system, m, safer),
-        tuple(lower_deciding(functions, system, m, good) for good in m.goods),
+        lower_dm_predicate(functions, system, m, ttf),
+        lower_dm_predicate(functions, system, m, safer),
+        tuple(lower_dm_predicate(functions, system, m, good) for good in m.goods),
     )
 
 
 def lower_property(functions: FunctionTable, system: System, p: Property) -> core.Predicate:
-    """The condition of a property or a contract."""
+    """Gives the condition of a property or a contract."""
     if p.kind == "progress":  # of an induction, which asks it of `safer`
         module = next(m for m in system.modules if m.scope is p.scope)
-        return lower_deciding(functions, system, module, p.condition)
+        return lower_dm_predicate(functions, system, module, p.condition)
     period_ns = 0 if p.component is None else system.components[p.component].period_ns
     return lower_predicate(functions, system, p.scope, p.condition, p.span, period_ns)
 
 
 def lower_timed(functions: FunctionTable, system: System, timed: TimedProperty) -> core.Timed:
-    """The predicates of a timed property."""
+    """Gives the predicates of a timed property."""
     scope, condition = timed.scope, timed.condition
     if timed.module is not None:
         module = system.modules[timed.module]
@@ -286,7 +288,7 @@ def lower_timed(functions: FunctionTable, system: System, timed: TimedProperty) 
 
 
 def lower_premise(functions: FunctionTable, system: System, p: Property) -> core.Predicate | None:
-    """The premise of an `always` that is an implication, else None."""
+    """Gives the premise of an `always` that is an implication, else None."""
     premise = premise_of(p.condition) if p.kind == "always" else None
     if premise is None:
         return None
@@ -294,7 +296,7 @@ def lower_premise(functions: FunctionTable, system: System, p: Property) -> core
 
 
 def lower(system: System) -> core.CoreSystem:
-    """Lower a whole system."""
+    """Lowers a whole system."""
     functions = FunctionTable(system)
     nodes: dict[int, core.NodeStep] = {}
     plants: dict[int, core.PlantStep] = {}

@@ -51,7 +51,7 @@ def index_of(loaded: LoadedProgram) -> NameIndex:
     """The names of a program: of all its files, and what the prelude declares."""
     meant = Meanings()
     checker = Checker(loaded, Diagnostics(), meant)
-    checker.run()
+    checker.check_program()
     members = Members(NameIndex((*loaded.files, *loaded.prelude)), checker, meant)
     members.index.members = members
     members.run()

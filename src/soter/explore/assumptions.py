@@ -16,7 +16,7 @@ from soter.explore.judge import test_plan
 from soter.explore.search_options import LEAVES_MAX
 from soter.explore.trace_view import value_text
 from soter.explore.vacuous_tests import symbol_at_path
-from soter.language.check.declarations import show
+from soter.language.check.declarations import scalar_text
 from soter.language.check.dots_and_brackets import listed
 from soter.language.elaborate.derived_systems import OUTSIDE
 from soter.language.model import typed
@@ -240,11 +240,11 @@ def _parameter_note(system: System) -> Iterator[str]:
         if param is None:
             continue
         declared = param.default.value if isinstance(param.default, Literal) else value
-        text = f"{name} = {show(value, param.type)}"
+        text = f"{name} = {scalar_text(value, param.type)}"
         if value == declared:
             values.append(text)
         else:
-            changed.append(f"{text} (by itself {show(declared, param.type)})")
+            changed.append(f"{text} (by itself {scalar_text(declared, param.type)})")
     if changed or values:
         left_out = f" and {len(values) - NAMED} more" if len(values) > NAMED else ""
         yield f"said of these values of parameters: {', '.join(changed + values[:NAMED])}{left_out}"

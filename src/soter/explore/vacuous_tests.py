@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from soter.explore.constant_truth import holds_always
 from soter.explore.judge import test_plan
-from soter.language.evaluate.range_evaluation import anything, constant_range
+from soter.language.evaluate.range_evaluation import all_values, constant_range
 from soter.language.evaluate.ranges import ANY_FLOAT, INF, Range
 from soter.language.evaluate.topic_ranges import range_in_set
 from soter.language.model import typed
@@ -62,7 +62,7 @@ class Domains:
     def _topic_range(self, place: ReadPlace) -> Range:
         topic = self._system.topics[place.index]
         if topic.queue_of is not None:
-            return _known_range(anything(place.type), place.type)
+            return _known_range(all_values(place.type), place.type)
         if self._start or place.index not in self._writable:
             return _range_at(constant_range(topic.type, topic.default), place.path, place.type)
         return range_in_set(topic, place)
@@ -75,7 +75,7 @@ class Domains:
         moved = plant.extern or state in plant.der or state in plant.next
         drawn = component.initial_range and component.initial_range[place.path[0]]
         if moved and not self._start:
-            return _known_range(anything(place.type), place.type)
+            return _known_range(all_values(place.type), place.type)
         if drawn:
             return Range(*drawn)
         first = constant_range(state.type, component.initial[place.path[0]])
@@ -95,7 +95,7 @@ def _writable_topics(system: System) -> set[int]:
 def _range_at(whole: Known, path: tuple[int, ...], of: Type) -> Range:
     for index in path:
         whole = whole[index] if isinstance(whole, tuple) and index < len(whole) else None
-    return whole if isinstance(whole, Range) else _known_range(anything(of), of)
+    return whole if isinstance(whole, Range) else _known_range(all_values(of), of)
 
 
 def _known_range(known: Known, of: Type) -> Range:

@@ -17,7 +17,7 @@ from soter.api.running import RecentlyUsed
 from soter.campaign.batch_flights import BATCH
 from soter.campaign.compiled_unit import generate_measured
 from soter.codegen.externs import answer_fields
-from soter.core.layout import arrange, placed_leaves, scalar, state_dtype
+from soter.core.layout import lay_out, placed_leaves, scalar, state_dtype
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.gym.environment_choices import is_flat
 from soter.language.model.typed import Literal
@@ -138,7 +138,7 @@ class CompiledEnvironment:
         )
         self.lib = open_library(self.ffi, path, owners)
         self.program = address(self.ffi, path, f"{unit.prefix}_program", "const soter_program *")
-        self.answers = {c.index: arrange(answer_fields(c)) for c in system.components if c.extern}
+        self.answers = {c.index: lay_out(answer_fields(c)) for c in system.components if c.extern}
         self.observed = tuple(observed)
         self.view = self._c_view()
 

@@ -54,7 +54,7 @@ PLACES_MAX = 5
 
 
 def ordered_for_readers(diagnostics: Diagnostics, sources: Sequence[Source]) -> Diagnostics:
-    """Diagnostics in order of files, then of places, with errors first; without repeated ones."""
+    """Gives diagnostics by file, then by place, errors first, without repeated ones."""
     files = {id(source): i for i, source in enumerate(sources)}
 
     def place(d: Diagnostic) -> tuple[int, int, bool]:
@@ -71,7 +71,7 @@ def ordered_for_readers(diagnostics: Diagnostics, sources: Sequence[Source]) -> 
 
 
 def _without_repetitions(items: Sequence[Diagnostic]) -> list[Diagnostic]:
-    """Keeps of each mistake at one place only the diagnostic with the shortest message."""
+    """Keeps, of equal mistakes at one place, the diagnostic with the shortest message."""
     kept: dict[object, Diagnostic] = {}
     for number, d in enumerate(items):
         key: object = number
@@ -85,7 +85,7 @@ def _without_repetitions(items: Sequence[Diagnostic]) -> list[Diagnostic]:
 
 
 def _with_merged_messages(items: Sequence[Diagnostic]) -> list[Diagnostic]:
-    """Merges repetitions of a message in one file into labels of the first."""
+    """Gives one diagnostic for equal messages in one file, with a label for each place."""
     groups: dict[object, list[Diagnostic]] = {}
     for number, d in enumerate(items):
         key: object = number
@@ -108,7 +108,7 @@ def _merge_group(group: list[Diagnostic]) -> Diagnostic:
 
 
 def _combined_fix(fix: Fix, group: list[Diagnostic]) -> Fix:
-    """A fix with the edits of all diagnostics of `group` that offer the same, each once."""
+    """Gives a fix with the edits of all fixes of the same title in `group`, each once."""
     edits = [e for d in group for f in d.fixes if f.title == fix.title for e in f.edits]
     return Fix(fix.title, tuple(dict.fromkeys(edits)))
 
@@ -144,7 +144,7 @@ class CheckResult:
         return self.loaded is None or is_program(self.loaded.main.source.text)
 
     def default_system(self) -> SystemSymbol | None:
-        """The only system, or the one marked `default`; None if there is neither."""
+        """Gives the only system, or the one marked `default`; None if there is neither."""
         if len(self.systems) == 1:
             return next(iter(self.systems.values()))
         marked = [s for s in self.systems.values() if s.default]
@@ -152,7 +152,7 @@ class CheckResult:
 
     @property
     def tests(self) -> dict[str, TestSymbol]:
-        """The tests of the main file."""
+        """Gives the tests of the main file."""
         tests = {} if self.program is None else self.program.tests
         return {n: t for n, t in tests.items() if "." not in n}
 
@@ -166,7 +166,7 @@ def check_file(
 ) -> CheckResult:
     """Checks the program in `path` (or in `text`, with `path` as its name).
 
-    `tell` is called with what is being done if that may take seconds. The cycle collector is off
+    `tell` is called with a text about progress if that may take seconds. The cycle collector is off
     meanwhile: a program is many small objects and hardly any garbage.
     """
     collecting = gc.isenabled()
@@ -217,7 +217,7 @@ def _flatten_all(
     *,
     draft: bool,
 ) -> dict[str, System]:
-    """The flat systems without errors; reports M007 if they are too large together."""
+    """Gives the flat systems without errors; reports M007 if they are too large together."""
     components, flat_by_name = 0, {}
     for name, system in systems.items():
         flat = _flatten_and_check(program, system, overrides, diagnostics, draft=draft)
@@ -263,7 +263,7 @@ def _flatten_and_check(
 def _deployed_system(
     program: TypedProgram, symbol: SystemSymbol, overrides: Mapping[str, Value]
 ) -> System | None:
-    """Gives the flat system that `symbol` deploys; None if it has errors, reported there."""
+    """Gives the flat system that `symbol` deploys; None if it has errors, reported elsewhere."""
     assert symbol.deploys is not None
     diagnostics = Diagnostics()
     flat = flatten(Flattening(program, symbol.deploys, overrides, diagnostics))
@@ -290,7 +290,7 @@ def _check_unplaced(
 
 
 def _placed_symbols(systems: list[SystemSymbol]) -> set[object]:
-    """The systems, and the plants, modules and nodes that stand in them."""
+    """Gives the systems, and the plants, modules and nodes that they contain."""
     placed: set[object] = set()
     todo: list[object] = [*systems]
     while todo:
@@ -340,10 +340,10 @@ def system_of(
     *,
     exact: bool = True,
 ) -> System:
-    """The flat system to run; SoterError if there is none of this name or it has errors.
+    """Gives the flat system to run; SoterError if none has this name, or it has errors.
 
     With `exact`, parameters of instances that it does not have are an error (U004); without, they
-    are taken as those of other systems.
+    may be of other systems.
     """
     if not checked.ok:
         raise SoterError(checked.diagnostics.items)
@@ -375,10 +375,7 @@ def system_of_test(
     *,
     exact: bool = True,
 ) -> System:
-    """The flat system that a test explores, with `System.test`; SoterError if it has errors.
-
-    `exact` is as in `system_of`.
-    """
+    """Gives a test's flat system, with `System.test`; SoterError as `system_of` raises it."""
     if not checked.ok:
         raise SoterError(checked.diagnostics.items)
     assert checked.program is not None

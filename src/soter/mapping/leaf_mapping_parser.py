@@ -54,9 +54,9 @@ def nearest_source(
     message: MessageType | None,
     problems: MappingProblems,
 ) -> NearestSource | None:
-    """The source of the leaf `name`; None where something is wrong, which is noted."""
+    """Gives the source of the leaf `name`; None after a note of what is wrong."""
     before = len(problems.told)
-    problems.allow(row, NEAREST_KEYS, f"`{name}`")
+    problems.note_unknown_keys(row, NEAREST_KEYS, f"`{name}`")
     kind, most, unseen = row["nearest"], row.get("most", 0), row.get("unseen", 0)
     if kind not in ("distance", "bearing"):
         problems.add(f"`nearest` of `{name}` is distance or bearing, not {kind!r}")
@@ -85,7 +85,7 @@ SMALL = ("bool", "byte", "char", "int8", "uint8")
 """Types of fields in which messages hold truths."""
 
 
-def _three_names(value: object) -> TypeGuard[list[str]]:
+def _is_list_of_three_names(value: object) -> TypeGuard[list[str]]:
     return isinstance(value, list) and len(value) == 3 and all(isinstance(n, str) for n in value)
 
 
@@ -107,7 +107,7 @@ class LeafReader:
         self.prefixes = _leaves_by_name(self.types, self.keys)
 
     def read(self, table: Mapping[str, Any]) -> dict[LeafPath, Leaf]:
-        """The source of each leaf, in declared order."""
+        """Gives the source of each leaf, in declared order."""
         name = self.topic.name
         if any("[]" in path for path in self.types) or isinstance(self.topic.type, ListType):
             self.problems.add(f"`{name}` is or has a list, which no mapping can fill")
@@ -129,7 +129,7 @@ class LeafReader:
         return {path: leaf_by_path[path] for path in self.types if path in leaf_by_path}
 
     def _row_leaves(self, key: str, row: object) -> dict[LeafPath, Leaf | None]:
-        """The leaves that a row is about, each with its source; None where it is wrong."""
+        """Gives leaf -> source for a row; None for a source that is wrong."""
         if key in self.keys:
             path = self.keys[key]
             return {path: self._leaf_source(f"{self.topic.name}.{key}", self.types[path], row)}
@@ -155,9 +155,9 @@ class LeafReader:
             )
             return nothing
         row = entry if isinstance(entry, dict) else {"from": entry}
-        self.problems.allow(row, VECTOR_KEYS, f"`{name}`")
+        self.problems.note_unknown_keys(row, VECTOR_KEYS, f"`{name}`")
         names = row.get("from")
-        if not _three_names(names):
+        if not _is_list_of_three_names(names):
             self.problems.add(f"`{name}` needs the names of three fields, x, y, z, not {names!r}")
             return nothing
         if len(set(names)) != 3:
@@ -182,7 +182,7 @@ class LeafReader:
         if not isinstance(row, dict):
             self.problems.add(f"`{name}` is neither the name of a column nor a table: {row!r}")
             return None
-        self.problems.allow(row, LEAF_KEYS, f"`{name}`")
+        self.problems.note_unknown_keys(row, LEAF_KEYS, f"`{name}`")
         kinds = [k for k in ("from", "constant", "slope", "nearest") if k in row]
         if len(kinds) != 1:
             self.problems.add(f"`{name}` needs one of `from`, `constant`, `slope`, `nearest`")
@@ -236,7 +236,7 @@ class LeafReader:
         return SignalSource(field, scale, float(row.get("offset", 0)), assumed, turn)
 
     def _check_row(self, name: str, t: Type, row: Mapping[str, Any]) -> str | None:
-        """Note what is wrong in a row, and give its unit."""
+        """Gives the unit of a row, and notes what is wrong in the row."""
         problems, unit = self.problems, row.get("unit")
         if unit is not None and (not isinstance(unit, str) or unit not in UNITS):
             problems.add(f"`{name}` is in `{unit}`: there are {', '.join(UNITS)}")
@@ -254,7 +254,7 @@ class LeafReader:
         return unit
 
     def _field_unit(self, name: str, t: Type, field: str) -> str | None:
-        """The standard unit of a field, which has to be in the message and of the right kind."""
+        """Gives the standard unit of a field; notes a field that is missing, or of a wrong kind."""
         if self.message is None:
             return None
         try:
@@ -271,7 +271,7 @@ class LeafReader:
     def _factor(
         self, name: str, t: Type, field: str, unit: str | None, standard: str | None
     ) -> float:
-        """The factor from the field's unit to the program's; 1 where nobody says a unit."""
+        """Gives the factor from the field's unit to the program's; 1 if neither has one."""
         if unit is not None and standard is not None and unit != standard:
             assert self.message is not None
             text = f"`{field}` of {self.message.ros1} is in `{standard}`"
@@ -312,7 +312,7 @@ def _unit_of(t: Type) -> str:
 
 
 def _unit_text(unit: str) -> str:
-    """A unit with what is measured in it, where that is known."""
+    """Gives a unit with the quantity that it measures, if that is known."""
     dimension = DIMENSIONS.get(unit)
     return f"`{unit}`, {dimension}" if dimension else f"`{unit}`"
 
@@ -320,7 +320,7 @@ def _unit_text(unit: str) -> str:
 def _leaves_by_name(
     types: Mapping[LeafPath, Type], keys: Mapping[str, LeafPath]
 ) -> dict[str, list[LeafPath]]:
-    """The leaves below each record or array, by its name; the whole topic as `value`."""
+    """Gives the leaves below each record or array, by its name; of the topic as `value`."""
     below: dict[str, list[LeafPath]] = {}
     for path in types:
         for depth in range(len(path)):

@@ -22,13 +22,13 @@ NUMBER_MAX = 1e30
 
 
 def wrong_mapping(problems: Iterable[str], file: Path | None = None) -> SoterError:
-    """SoterError D015, with a diagnostic for each mistake that names its file."""
+    """Gives SoterError D015, with a diagnostic for each mistake, which names the file."""
     notes = () if file is None else (f"in the mapping `{file}`",)
     return SoterError(tuple(Diagnostic("D015", p, notes=notes) for p in problems))
 
 
 def unknown_name(kind: str, name: str, known: Iterable[str]) -> str:
-    """A sentence about a name that is not among the known ones."""
+    """Gives a sentence about a name that is not known, with a name close to it."""
     hint = nearest_or_all(name, known)
     return f"{kind} `{name}`: {hint}" if hint else f"{kind} `{name}`"
 
@@ -59,25 +59,25 @@ class MappingProblems:
         return table
 
     def texts(self, row: Mapping[str, Any], key: str, where: str) -> dict[str, str]:
-        """The table under a key, its values as texts: a number is what it is written as."""
+        """Gives the table under a key with each value as text."""
         return {k: str(v) for k, v in self.table(row, key, where).items()}
 
     def name(self, row: Mapping[str, Any], key: str, where: str) -> str | None:
-        """The text under a key; None where there is none."""
+        """Gives the text under a key; None without one, or after a note."""
         text = row.get(key)
         if text is not None and not isinstance(text, str):
             self.add(f"`{key}` of {where} is no name: {text!r}")
             return None
         return text
 
-    def allow(self, row: Mapping[str, Any], known: tuple[str, ...], where: str) -> None:
-        """Note every key that is not a known one."""
+    def note_unknown_keys(self, row: Mapping[str, Any], known: tuple[str, ...], where: str) -> None:
+        """Notes every key that is not a known one."""
         for key in row:
             if key not in known:
                 self.add(f"{where} says `{key}`: there are {', '.join(known)}")
 
     def duration(self, row: Mapping[str, Any], key: str, name: str) -> int:
-        """The length of time under a key in ns, above 0; a number has to say its unit."""
+        """Gives the time under a key in ns, above 0; notes a number without a unit."""
         if key not in row or is_number(row[key]):
             bare = f"`{key}` of `{name}` is {row.get(key)} of what? It needs a unit"
             self.add(f'{bare if key in row else f"`{name}` needs a `{key}`"}, such as "0.5s"')

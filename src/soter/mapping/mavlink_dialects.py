@@ -54,10 +54,10 @@ NOT_IN_COMMENTS = re.compile(r"[^\w .,;:()+=<>%'\"/&|!-]+")
 
 
 def dialect_xml(path: Path) -> bytes:
-    """All messages of a dialect and of what it includes, the innermost first, as one document.
+    """Gives all messages of a dialect and of its includes, the innermost first, as XML.
 
-    An included file lies in the folder of the one that names it. ValueError where a file is no
-    dialect, OSError where it cannot be read.
+    An included file lies in the folder of the file that names it. ValueError if a file is no
+    dialect, OSError if it cannot be read.
     """
     document_root = ET.Element("mavlink")
     ids: set[int] = set()
@@ -79,12 +79,12 @@ def dialect_xml(path: Path) -> bytes:
 
 
 def comment_text(text: str) -> str:
-    """Makes words safe in a comment of C: without what could end it."""
+    """Gives words that are safe in a comment of C, as nothing in them can end it."""
     return NOT_IN_COMMENTS.sub(" ", " ".join(text.split()))
 
 
 def _documents(path: Path) -> Iterator[ET.Element]:
-    """The documents, the innermost first, each once."""
+    """Yields the documents, the innermost first, each once."""
     seen: set[Path] = set()
 
     def read(at: Path, depth: int) -> Iterator[ET.Element]:
@@ -105,7 +105,7 @@ def _documents(path: Path) -> Iterator[ET.Element]:
 
 
 def _parse_root(raw: bytes) -> ET.Element:
-    """The root; a document type, and with it entities of its own, is refused."""
+    """Gives the root of a document; ValueError if it has a document type, and so entities."""
     builder, parser = ET.TreeBuilder(), expat.ParserCreate()
     parser.StartDoctypeDeclHandler = _refuse_doctype
     parser.StartElementHandler = builder.start
@@ -126,7 +126,7 @@ def _refuse_doctype(*_of_it: object) -> None:
 
 
 def _message_element(message: ET.Element) -> ET.Element:
-    """A message with what pymavlink reads of one."""
+    """Gives a message with only the parts of it that pymavlink needs."""
     name = message.get("name", "")
     if not MESSAGE.fullmatch(name):
         raise ValueError(f"the message {name[:60]!r} has a name that is none in C")
@@ -157,7 +157,7 @@ def _field_element(field: ET.Element, message: str) -> ET.Element:
 
 
 def _checked_number(text: str, end: int) -> str:
-    """A whole number from 0 to below `end`, as decimal digits."""
+    """Gives a whole number from 0 to below `end`, as decimal digits."""
     digits = text.strip()
     if not (digits.isascii() and digits.isdigit() and len(digits) < 10 and int(digits) < end):
         raise ValueError(f"{digits[:60]!r} is no number from 0 to {end - 1}")
@@ -191,13 +191,13 @@ class MavlinkMessage(MessageType):
     extensions: frozenset[str] = frozenset()
 
     def unit(self, path: str) -> str | None:
-        """The unit of a field, as MAVLink says it."""
+        """Gives the unit of a field, as MAVLink says it."""
         name = path.partition(".")[0]
         return self.units.get(name, "1" if QUATERNION.fullmatch(name) else None)
 
     @property
     def default_stamp(self) -> StampSource | None:
-        """The field that says when it was measured."""
+        """Gives the field with the time of measurement; None if there is none."""
         for (name, kind), ns in STAMPS.items():
             if name in self.fields_in_order and self.leaf(name) == kind:
                 return StampSource(name, "number", Fraction(ns))
@@ -227,7 +227,7 @@ class Dialect:
     checksums: tuple[ChecksumEntry, ...]
 
     def named(self, name: str) -> MavlinkMessage:
-        """The type; raises UnknownMessageError."""
+        """Gives the message of this name; raises UnknownMessageError."""
         match = NAME.fullmatch(name)
         if match is None:
             raise UnknownMessageError("a message is written as `mavlink/LOCAL_POSITION_NED`")
@@ -240,12 +240,12 @@ class Dialect:
 
 
 def is_mavlink(name: object) -> bool:
-    """Whether a `type` of a mapping is meant as a message of MAVLink."""
+    """Whether a `type` of a mapping names a message of MAVLink."""
     return isinstance(name, str) and name.startswith(f"{PACKAGE}/")
 
 
 def require_mavlink_package() -> None:
-    """SoterError D007 where the package that knows MAVLink's dialects is not installed."""
+    """Raises SoterError D007 if the package with MAVLink's dialects is missing."""
     if find_spec("pymavlink") is None:
         text = "messages of MAVLink are known to the package `pymavlink`, which is not installed"
         help_ = f"install it: {pip_install('robots')}"
@@ -253,18 +253,18 @@ def require_mavlink_package() -> None:
 
 
 def standard_dialects() -> list[str]:
-    """The dialects that the package brings."""
+    """Gives the dialects that the package brings."""
     return sorted(p.stem for p in _dialect_folder().glob("*.xml") if p.stem not in ("all", "test"))
 
 
 def dialect_path(name: str, folder: Path) -> Path:
-    """The path of a dialect by its name, or of a file of one's own, beside the mapping."""
+    """Gives the path of a dialect by its name, or of a user's file beside the mapping."""
     return folder / name if name.endswith(".xml") else _dialect_folder() / f"{name}.xml"
 
 
 @cache
 def read_dialect(path: Path) -> Dialect:
-    """The dialect; ValueError where the file is none, OSError where it cannot be read."""
+    """Gives the dialect; ValueError if the file is none, OSError if it cannot be read."""
     messages: dict[str, MavlinkMessage] = {}
     checksums: dict[int, ChecksumEntry] = {}
     document = dialect_xml(path)
@@ -292,7 +292,7 @@ def _dialect_folder() -> Path:
 
 
 def _parsed_messages(document: bytes) -> list[Any]:
-    """The messages as pymavlink has them, the innermost file's first."""
+    """Gives the messages as pymavlink parses them, the innermost file's first."""
     from pymavlink.generator import mavparse  # noqa: PLC0415 - an extra
 
     with tempfile.TemporaryDirectory() as place:
@@ -306,7 +306,7 @@ def _parsed_messages(document: bytes) -> list[Any]:
 
 
 def _field_unit(f: Any) -> str:  # noqa: ANN401 - of a package without types
-    """The unit of a field; "" where MAVLink does not say. `deg*360/255` is no unit of ours."""
+    """Gives the unit of a field, "" if it has none; `deg*360/255` is none of ours."""
     unit = str(f.units or "").strip("[]")
     return f"{unit or '1'}*{f.multiplier}" if f.multiplier else UNITS.get(unit, unit)
 
@@ -369,14 +369,14 @@ class MavlinkLink:
 
     @property
     def autopilot(self) -> tuple[int, int]:
-        """Whose messages are taken where a topic names no other publisher."""
+        """Gives (system, component) of the messages that count if a topic names no publisher."""
         return self.system, self.component
 
 
 def read_link(table: Mapping[str, Any], folder: Path, problems: MappingProblems) -> MavlinkLink:
     """Reads the table, not to be used if problems were added; SoterError D007: no pymavlink."""
     require_mavlink_package()
-    problems.allow(table, KEYS, "`mavlink`")
+    problems.note_unknown_keys(table, KEYS, "`mavlink`")
     urls = _read_urls(table.get("url"), problems)
     ids = {
         key: _read_id(table, key, default, problems)
@@ -409,7 +409,7 @@ def read_link(table: Mapping[str, Any], folder: Path, problems: MappingProblems)
 
 
 def parse_source(text: str) -> tuple[int, int] | None:
-    """`1/191` as a system and a component; None where it is none."""
+    """Gives `1/191` as a system and a component; None if the text has another form."""
     match = SOURCE.fullmatch(text)
     ids = (int(match[1]), int(match[2])) if match else (0, 0)
     return ids if all(1 <= n <= 255 for n in ids) else None

@@ -90,20 +90,20 @@ class MessageType:
 
     @property
     def ros1(self) -> str:
-        """Its name in ROS 1: nav_msgs/Odometry."""
+        """Gives the name in ROS 1: nav_msgs/Odometry."""
         return f"{self.package}/{self.name}"
 
     @property
     def ros2(self) -> str:
-        """Its name in ROS 2: nav_msgs/msg/Odometry."""
+        """Gives the name in ROS 2: nav_msgs/msg/Odometry."""
         return f"{self.package}/msg/{self.name}"
 
     def exists_in(self, ros: int) -> bool:
-        """Whether ROS 1, or 2, has it."""
+        """Whether ROS 1, or 2, has the type."""
         return self.ros2 in self.definitions.get(ros, {})
 
     def field(self, path: str, ros: int | None = None) -> MessageField:
-        """The field at a path such as `a.b.0`, of ROS 1, 2 or any; raises NoSuchFieldError."""
+        """Gives the field at a path such as `a.b.0`, of ROS 1, 2 or any; NoSuchFieldError."""
         families = [ros] if ros else sorted(self.definitions, reverse=True)
         versions = [v for v in families if self.exists_in(v)]
         if not versions:
@@ -117,19 +117,19 @@ class MessageType:
         raise problem
 
     def leaf(self, path: str, ros: int | None = None) -> str:
-        """The primitive type at a path: float64, bool, ..., time; raises NoSuchFieldError."""
+        """Gives the primitive type at a path: float64, bool, ..., time; raises NoSuchFieldError."""
         return self.field(path, ros).type
 
     def fields(self, ros: int | None = None) -> dict[str, MessageField]:
-        """Every primitive of it in declared order, an element of a list or array as `*`."""
+        """Gives path -> primitive field, in declared order; an element of a list is `*`."""
         definitions = self.definitions[ros] if ros else self._newest
         found = self._fields_below((self.ros2,), "", "", definitions)
         return {f.path: f for f in found}
 
     def owners(self, path: str) -> Iterator[tuple[str, str]]:
-        """Every type that a field is a part of, outermost first, with its path in it.
+        """Yields each type that a field is a part of, outermost first, with its path there.
 
-        Types are written as in ROS 1; the path has to be one of `field`.
+        Types are written as in ROS 1; the path must be one of `field`.
         """
         definitions = self._newest
         found: Any = (NAMED, self.ros2)
@@ -154,12 +154,12 @@ class MessageType:
         return StampSource(HEADER_STAMP) if self.has_header else None
 
     def unit(self, _path: str) -> str | None:
-        """Gives the unit of a field if the definition itself says one, which none of ROS does."""
+        """Gives the unit that the definition says for a field: None, as ROS has none."""
         return None
 
     @property
     def _newest(self) -> Definitions:
-        """The definitions of the newest family that knows it."""
+        """Gives the definitions of the newest family that has the type."""
         return self.definitions[max(v for v in self.definitions if self.exists_in(v))]
 
     def _field(self, path: str, definitions: Definitions) -> MessageField:
@@ -238,14 +238,14 @@ class KnownTypes(Protocol):
     """A source of types of messages, by their names."""
 
     def named(self, name: str) -> MessageType:
-        """The type; raises UnknownMessageError."""
+        """Gives the type; raises UnknownMessageError."""
 
 
 class MessageTypes:
     """Knows the standard types, and those that are added."""
 
     def __init__(self) -> None:
-        """SoterError D007 without rosbags."""
+        """Raises SoterError D007 without rosbags."""
         require_ros_package()
         self.definitions = {v: dict(standard) for v, standard in _standard_definitions().items()}
 
@@ -255,7 +255,7 @@ class MessageTypes:
             definitions.update(_parse_definition(name, text))
 
     def named(self, name: str) -> MessageType:
-        """The type; raises UnknownMessageError."""
+        """Gives the type; raises UnknownMessageError."""
         match = NAME.fullmatch(name)
         if match is None:
             raise UnknownMessageError("a type is written as `nav_msgs/Odometry`")
@@ -269,7 +269,7 @@ class MessageTypes:
 
 
 def require_ros_package() -> None:
-    """SoterError D007 where the package that knows ROS messages is not installed."""
+    """Raises SoterError D007 if the package that reads ROS messages is missing."""
     if find_spec("rosbags") is None:
         text = "ROS messages and bags are read with the package `rosbags`, which is not installed"
         help_ = f"install it: {pip_install('logs')}"
@@ -285,7 +285,7 @@ def _standard_definitions() -> dict[int, Definitions]:
 
 
 def _parse_definition(name: str, text: str) -> Definitions:
-    """The definitions in a `.msg` file, under the name that the mapping gives it."""
+    """Gives the definitions in a `.msg` file, under the name that the mapping gives it."""
     from rosbags.typesys import TypesysError, get_types_from_msg  # noqa: PLC0415 - an extra
 
     match = NAME.fullmatch(name)
@@ -307,7 +307,7 @@ def path_steps(message: MessageType, path: str, ros: int) -> list[tuple[str, Ste
 
 
 def text_bound(message: MessageType, path: str, ros: int) -> int:
-    """How many bytes the text at a path may have; 0 where there is no bound."""
+    """Gives how many bytes the text at a path may have; 0 if it has no bound."""
     *_, (_, _, kind) = _steps_to_field(message, path, ros)
     return int(kind[1][1]) if kind[0] == BASE else 0
 

@@ -65,7 +65,7 @@ def read_mapping(path: Path) -> dict[str, Any]:
     return table
 
 
-def named_system(table: Mapping[str, Any]) -> str | None:
+def system_name(table: Mapping[str, Any]) -> str | None:
     """Gives the name of the system that a mapping is for; None if it does not say."""
     name = table.get("system")
     return name if isinstance(name, str) else None
@@ -77,11 +77,10 @@ def make_log_map(
     where: Mapping[str, str] | None = None,
     file: Path | None = None,
 ) -> LogMap:
-    """The mapping, checked against a system; `where` adds to its own.
+    """Gives the mapping, checked against a system; `where` is added to the mapping's own.
 
-    `file`: what it was read from, beside which it looks for the files of its `messages`; by default
-    none. SoterError D015; D007 where it names types of ROS messages and the package that knows them
-    is missing.
+    `file` is the file of the mapping, from whose folder it finds its `messages`. SoterError D015;
+    D007 if it names types of ROS messages and the package that knows them is missing.
     """
     reading = _MappingReader(system, Path() if file is None else file.parent)
     log_map = reading.read(table)
@@ -99,7 +98,7 @@ def _named_types(topics: Mapping[str, Any]) -> list[object]:
 
 
 def _with_link_delay(topic_map: TopicMap, link: MavlinkLink | None) -> TopicMap:
-    """A topic with the delay of the MAVLink link, if its messages are MAVLink without a stamp."""
+    """Gives a topic with the MAVLink link's delay, if its messages have no stamp."""
     if (
         link is None
         or topic_map.stamp is not None
@@ -116,7 +115,7 @@ class _TypesByFamily:
         self.ros, self.link = ros, link
 
     def named(self, name: str) -> MessageType:
-        """The type; raises UnknownMessageError."""
+        """Gives the type; raises UnknownMessageError."""
         if self.link is not None and is_mavlink(name):
             return self.link.dialect.named(name)
         if self.ros is None:
@@ -137,7 +136,7 @@ class _MappingReader:
 
     def read(self, table: Mapping[str, Any]) -> LogMap:
         problems = self.problems
-        problems.allow(table, KEYS, "the mapping")
+        problems.note_unknown_keys(table, KEYS, "the mapping")
         if not isinstance(table.get("system", ""), str):
             problems.add("`system` is no name")
         frame = table.get("frame", "ENU")
@@ -179,7 +178,7 @@ class _MappingReader:
     def _read_link(
         self, table_: Mapping[str, Any], topics: Mapping[str, Any]
     ) -> MavlinkLink | None:
-        """The table `mavlink`, which messages of MAVLink need."""
+        """Gives the table `mavlink`, which messages of MAVLink need; else None."""
         table = self.problems.table(table_, "mavlink", "the mapping")
         if not table and not any(is_mavlink(name) for name in _named_types(topics)):
             return None
@@ -188,7 +187,7 @@ class _MappingReader:
     def _message_types(
         self, messages: Mapping[str, Any], topics: Mapping[str, Any], link: MavlinkLink | None
     ) -> KnownTypes | None:
-        """The types of messages; None where the mapping names none."""
+        """Gives the types of messages; None if the mapping names none."""
         names = _named_types(topics)
         of_ros = bool(messages) or any(not is_mavlink(name) for name in names)
         if not of_ros:
@@ -215,7 +214,7 @@ class _MappingReader:
             return None
 
     def _time_scale(self, row: Mapping[str, Any]) -> tuple[str | None, Fraction]:
-        self.problems.allow(row, TIME_KEYS, "`time`")
+        self.problems.note_unknown_keys(row, TIME_KEYS, "`time`")
         unit, scale = row.get("unit", "s"), row.get("scale", 1)
         if not isinstance(unit, str) or unit not in TIME_UNITS:
             self.problems.add(f"`time` is in `{unit}`: there are {', '.join(TIME_UNITS)}")
@@ -227,7 +226,7 @@ class _MappingReader:
         return self.problems.name(row, "from", "`time`"), Fraction(repr(scale)) * TIME_UNITS[unit]
 
     def _read_seconds(self, row: Mapping[str, Any], key: str) -> int | None:
-        """A time of a log, a number of seconds or its text, in ns; None where there is none."""
+        """Gives the time under a key in ns, from a number or text in s; None without it."""
         if key not in row:
             return None
         try:

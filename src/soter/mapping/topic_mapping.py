@@ -47,12 +47,12 @@ class SourcePromise:
 
     @property
     def alone_ns(self) -> int:
-        """How old its newest sample may be, if it keeps to `every_ns` and `delayed_ns`."""
+        """Gives how old its newest sample may be, by `every_ns` and `delayed_ns`."""
         return self.every_ns + self.delayed_ns
 
     @property
     def oldest_ns(self) -> int:
-        """How old the topic may get while this source keeps its promise, whatever others do."""
+        """Gives how old the topic may get while this source works, whatever others do."""
         return self.after_ns + self.alone_ns
 
 
@@ -65,7 +65,7 @@ class SourceTurns:
         """For each source the stamp of its newest sample whose turn it was."""
 
     def judge(self, rank: int, stamp_ns: int) -> Literal["taken", "waits", "older"]:
-        """Judge a sample of the source `rank` that was measured at `stamp_ns`.
+        """Gives what becomes of a sample of source `rank` that was measured at `stamp_ns`.
 
         `waits`: it is not its turn; `older`: it is, and something as new was taken before.
         """
@@ -177,14 +177,14 @@ class TopicMap:
 
     @property
     def names(self) -> list[str]:
-        """The columns or fields that it needs."""
+        """Gives the columns or fields that the topic needs."""
         return list(
             dict.fromkeys(x.name for x in self.leaves.values() if isinstance(x, SignalSource))
         )
 
     @property
     def optional(self) -> frozenset[str]:
-        """Of `names`, those that go through a list of any length: they may be absent."""
+        """Gives those of `names` that are in a list of any length, and so may be absent."""
         message = self.message
         if message is None:
             return frozenset()
@@ -192,7 +192,7 @@ class TopicMap:
 
     @property
     def assumed_units(self) -> list[str]:
-        """The leaves that are taken to be in the program's unit, as people write them."""
+        """Gives leaves in words, with the unit that is assumed because nobody says one."""
         return [
             f"`{self.name_of(p)}` in `{x.assumed_unit}`"
             for p, x in self.leaves.items()
@@ -200,7 +200,7 @@ class TopicMap:
         ]
 
     def name_of(self, path: LeafPath) -> str:
-        """A leaf as people write it."""
+        """Gives a leaf as people write it."""
         return ".".join((self.topic.name, *path))
 
 

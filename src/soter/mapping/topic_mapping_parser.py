@@ -3,7 +3,7 @@
 Purpose: a `TopicReader` reads the channel and the messages: their type, when they were measured,
 whose they are, and what of them is constant. `read_qos` reads the three policies of DDS that decide
 whether a reader and a writer meet, and what is kept. `read_promise` reads what one of several
-sources promises, and `early_turns` finds sources that take over too early.
+sources promises, and `problems_of_early_turns` finds sources that take over too early.
 Non-goals: the leaves (`leaf_mapping_parser.py`); whether a log or a middleware has such messages;
 what the policies mean to it (`targets/dds_package.py`), and the other policies of DDS.
 """
@@ -54,8 +54,8 @@ ALL = "all"
 
 
 def read_qos(row: Mapping[str, Any], problems: MappingProblems, where: str) -> QualityOfService:
-    """Reads the table of policies; the record is not to be used if problems were added."""
-    problems.allow(row, KEYS, where)
+    """Reads the table of policies; the record must not be used if problems were added."""
+    problems.note_unknown_keys(row, KEYS, where)
     return QualityOfService(
         _read_policy(row, "reliability", RELIABILITY, problems, where),
         _read_policy(row, "durability", DURABILITY, problems, where),
@@ -93,21 +93,21 @@ WHOLE = "value"
 def read_promise(
     table: Mapping[str, Any], rank: int, topic: Topic, problems: MappingProblems, name: str
 ) -> SourcePromise:
-    """Reads the promise in a source's table; not to be used if problems were added."""
+    """Reads the promise in a source's table; it must not be used after new problems."""
     delayed = problems.duration(table, "delayed", name) if "delayed" in table else 0
     after = 0
     if rank > 0:
         after = problems.duration(table, "after", name)
     elif "after" in table:
         problems.add(f"`after` of `{name}`: the first source takes over from nobody")
-    errors = _errors(problems.table(table, "measured", f"`{name}`"), topic, problems, name)
+    errors = _errors_by_leaf(problems.table(table, "measured", f"`{name}`"), topic, problems, name)
     return SourcePromise(rank, problems.duration(table, "every", name), delayed, errors, after)
 
 
-def _errors(
+def _errors_by_leaf(
     measured: Mapping[str, Any], topic: Topic, problems: MappingProblems, name: str
 ) -> dict[tuple[str, ...], float]:
-    """Float leaf -> its error; the name of a part with several leaves stands for each of them."""
+    """Gives float leaf -> its error; the name of a part stands for each of its leaves."""
     floats = [path for path, t in leaves(topic.type) if isinstance(t, FloatType)]
     errors: dict[tuple[str, ...], float] = {}
     for key, error in measured.items():
@@ -125,11 +125,11 @@ def _errors(
     return errors
 
 
-def early_turns(name: str, promises: Sequence[SourcePromise]) -> Iterator[str]:
-    """Yields a problem for each source that takes over from others which keep their promises.
+def problems_of_early_turns(name: str, promises: Sequence[SourcePromise]) -> Iterator[str]:
+    """Yields a problem for each source that may take over though others keep their promises.
 
-    What those before it have had in their turn may be as old as the topic is with one of them that
-    keeps its promise: its own sample is newer, but may have waited for its turn in vain.
+    A sample of a source before it may be as old as the topic is with that source: a newer one may
+    have waited for its turn in vain.
     """
     for promise in promises[1:]:
         patience = max(p.oldest_ns for p in promises[: promise.rank])
@@ -173,11 +173,11 @@ class TopicReader:
         self.name, self.delay_ns = topic.name, delay_ns
 
     def read(self, table: Mapping[str, Any]) -> tuple[TopicMap, ...]:
-        """Gives the topic, or one a source; they are not to be used if problems were added."""
+        """Gives the topic, or one for each source; not to be used after new problems."""
         if "sources" not in table:
-            self.problems.allow(table, (*TOPIC_KEYS, "sources"), f"`{self.name}`")
+            self.problems.note_unknown_keys(table, (*TOPIC_KEYS, "sources"), f"`{self.name}`")
             return (self._read_topic_map(table),)
-        self.problems.allow(table, ("sources",), f"`{self.name}`, which has `sources`,")
+        self.problems.note_unknown_keys(table, ("sources",), f"`{self.name}`, which has `sources`,")
         tables = table["sources"]
         if not isinstance(tables, list) or not all(isinstance(t, dict) for t in tables):
             self.problems.add(f"`sources` of `{self.name}` is no list of tables")
@@ -195,7 +195,7 @@ class TopicReader:
     def _read_source(self, rank: int, table: Mapping[str, Any]) -> TopicMap:
         self.name = f"{self.topic.name}.sources.{rank + 1}"
         where = f"`{self.name}`"
-        self.problems.allow(table, SOURCE_KEYS, where)
+        self.problems.note_unknown_keys(table, SOURCE_KEYS, where)
         topic_map = self._read_topic_map({k: v for k, v in table.items() if k in TOPIC_KEYS})
         if topic_map.stamp is None:
             self.problems.add(f"{where} has no stamp: sources take over by when they measured")
@@ -209,13 +209,13 @@ class TopicReader:
         return replace(topic_map, promise=promise)
 
     def _check_sources(self, maps: tuple[TopicMap, ...]) -> None:
-        """Notes sources that do not fit together, each of which is right by itself."""
+        """Notes sources that do not fit together, though each is right by itself."""
         self.name = self.topic.name
         channels = [m.channel for m in maps if m.channel is not None]
         if len(set(channels)) != len(channels):
             self.problems.add(f"two `sources` of `{self.name}` are one channel: {channels}")
         promises = [m.promise for m in maps if m.promise is not None]
-        for problem in early_turns(self.name, promises):
+        for problem in problems_of_early_turns(self.name, promises):
             self.problems.add(problem)
 
     def _read_topic_map(self, table: Mapping[str, Any]) -> TopicMap:
@@ -316,7 +316,7 @@ class TopicReader:
         if not isinstance(stamp, dict):
             problems.add(f'{where} is a field, a table or "{ARRIVAL}", not {stamp!r}')
             return None
-        problems.allow(stamp, STAMP_KEYS, where)
+        problems.note_unknown_keys(stamp, STAMP_KEYS, where)
         path, unit = stamp.get("from"), stamp.get("unit")
         if not isinstance(path, str) or not path:
             problems.add(f"{where} needs `from`, the name of a field")

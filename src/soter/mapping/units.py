@@ -63,10 +63,10 @@ RATES = {LENGTH: SPEED, SPEED: ACCELERATION, ANGLE: TURN, TURN: "an angular acce
 
 
 def factor_between(unit: str, declared: str) -> float | None:
-    """The factor that turns a number in the unit `unit` into `declared`; None: there is none.
+    """Gives the factor from numbers in `unit` to numbers in `declared`; None if there is none.
 
-    A program without a unit ("") counts in SI. What is not in UNITS (`m^2`, `Ah`) is not turned: it
-    goes into the same unit, or, as it is, into none.
+    A program without a unit ("") counts in SI. A unit that is not in UNITS (`m^2`, `Ah`) stays: it
+    fits the same unit or none.
     """
     if declared == unit:
         return 1.0
@@ -78,13 +78,13 @@ def factor_between(unit: str, declared: str) -> float | None:
 
 
 def cycle(unit: str | None, declared: str) -> float:
-    """A whole turn in the unit of a leaf (in rad, if it has none); infinite: it is no angle."""
+    """Gives a whole turn in the unit of a leaf (default: rad); infinite if it is no angle."""
     is_angle = DIMENSIONS.get(declared or unit or "") == ANGLE
     return math.tau / UNITS.get(declared, 1.0) if is_angle else math.inf
 
 
 def _covariance(field: str, linear: str, mixed: str, angular: str) -> dict[str, str]:
-    """Units of a row-major 6 x 6 covariance: three linear quantities, then three angular ones."""
+    """Gives the units of a row-major 6 x 6 covariance, three linear numbers, then angular."""
     units = (linear, mixed, angular)
     return {f"{field}.{6 * i + j}": units[i // 3 + j // 3] for i in range(6) for j in range(6)}
 
@@ -144,7 +144,7 @@ STANDARD_UNITS = {
 
 
 def standard_unit(message: MessageType, path: str) -> str | None:
-    """Gives the unit of a field, from the outermost type that says one; None if none does."""
+    """Gives the unit of a field, from the outermost type that says one; else None."""
     by_message = message.unit(path)
     if by_message is not None:
         return by_message

@@ -42,7 +42,7 @@ from soter.monitor.log_files.log_columns import (
     whole_number,
 )
 from soter.semantics.draws import value_of_leaves
-from soter.semantics.publication_gate import clip_to_set, make_check
+from soter.semantics.publication_gate import check_of_topic, clip_to_set
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -280,7 +280,7 @@ def _take_samples_of_sources(
     made.constants = [n for t, _ in sources for n in map(t.name_of, _constant_leaves(t))]
     turns = SourceTurns([t.promise.after_ns for t, _ in sources if t.promise is not None])
     taken = []
-    check = make_check(topic)
+    check = check_of_topic(topic)
     choices = [RowChoice(t.where) for t, _ in sources]
     arrivals = [(now, k, i) for k, (_, c) in enumerate(sources) for i, now in enumerate(c.times_ns)]
     for now, rank, i in sorted(arrivals):

@@ -64,7 +64,7 @@ class PolicyExtern(FilePolicy):
         self._get = attrgetter(*(p for p, _ in places)) if places else None
         self._blocks = any(n != 1 for _, n in places)
         self._build = [_value_builder(path, name, t) for name, t in answers]
-        self._observation, self.clip = policy.observation, binding.clips
+        self._observation, self.clip = policy.observation, binding.is_clipped
         size = policy.observation.size
         rows = frame_rows(path, policy.shapes.get("", ()), size, reads)
         frames, self._row = size // count, count // rows

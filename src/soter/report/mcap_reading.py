@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 from soter.diagnostics.diagnostic import SoterError, mistake
 from soter.diagnostics.system_texts import reason
-from soter.language.load.named_files import opened
+from soter.language.load.named_files import open_finite_file
 from soter.report.bounded_unpack import BoundedUnpacking
 from soter.report.mcap_log import (
     ABNORMALLY,
@@ -371,7 +371,7 @@ def require_log_package() -> None:
 def _records(path: Path) -> Iterator[McapRecords]:
     """Gives the records of a log; SoterError D006 if it cannot be read or is damaged."""
     try:
-        with opened(path) as file:
+        with open_finite_file(path) as file:
             yield McapRecords(file)
     except OSError as error:
         raise unreadable_error(path, reason(error)) from error

@@ -57,7 +57,7 @@ class Configuration:
 
 
 def with_value(values: tuple[Value, ...], index: int, value: Value) -> tuple[Value, ...]:
-    """`values[index -> value]`."""
+    """Gives `values` with `value` at `index`."""
     return (*values[:index], value, *values[index + 1 :])
 
 
@@ -105,7 +105,7 @@ class StepOutcome:
 
 
 def enabled_outputs(oe: Sequence[bool], module: Module, mode: int) -> tuple[bool, ...]:
-    """Gives OE, which outputs are enabled, after the mode of a module was decided."""
+    """Gives OE, which outputs are enabled, after a module's mode was decided."""
     flags = list(oe)
     flags[module.sc] = mode == SC
     flags[module.ac] = mode == AC
@@ -113,7 +113,7 @@ def enabled_outputs(oe: Sequence[bool], module: Module, mode: int) -> tuple[bool
 
 
 def enabled_at_first(system: System, modes: Sequence[int]) -> tuple[bool, ...]:
-    """Gives OE at the start; every component that is no controller has its outputs enabled."""
+    """Gives OE at the start; a component that is no controller has its outputs enabled."""
     oe: tuple[bool, ...] = (True,) * len(system.components)
     for module, mode in zip(system.modules, modes, strict=True):
         oe = enabled_outputs(oe, module, mode)

@@ -36,14 +36,14 @@ GOLDEN = 0x9E3779B97F4A7C15
 
 
 def splitmix64(z: int) -> int:
-    """The finaliser of SplitMix64 on an unsigned 64-bit number."""
+    """Gives the finaliser of SplitMix64 on an unsigned 64-bit number."""
     z = ((z ^ (z >> 30)) * 0xBF58476D1CE4E5B9) & MASK
     z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & MASK
     return z ^ (z >> 31)
 
 
 def fnv1a_64(text: str) -> int:
-    """FNV-1a of the UTF-8 bytes of a text, 64 bits."""
+    """Gives the FNV-1a hash of the UTF-8 bytes of a text, 64 bits."""
     h = 0xCBF29CE484222325
     for byte in text.encode():
         h = ((h ^ byte) * 0x100000001B3) & MASK
@@ -52,12 +52,12 @@ def fnv1a_64(text: str) -> int:
 
 @lru_cache(maxsize=4096)
 def stream_key(seed: int, stream: str) -> int:
-    """The key of one stream under one seed."""
+    """Gives the key of one stream under one seed."""
     return splitmix64(splitmix64((seed + GOLDEN) & MASK) ^ fnv1a_64(stream))
 
 
 def draw_bits(seed: int, stream: str, index: int) -> int:
-    """64 random bits."""
+    """Gives 64 random bits."""
     return bits_at(stream_key(seed, stream), index)
 
 
@@ -67,7 +67,7 @@ def bits_at(key: int, index: int) -> int:
 
 
 def draw_float(seed: int, stream: str, index: int, low: float, high: float) -> float:
-    """A uniform float of [low, high]; rounding never leads outside."""
+    """Gives a uniform float of [low, high]; rounding never leads outside."""
     return float_of_bits(draw_bits(seed, stream, index), low, high)
 
 
@@ -81,13 +81,13 @@ class Draws(Protocol):
     """The environment's free choices, made by chance unless said otherwise (`SeededDraws`)."""
 
     def uniform(self, stream: str, index: int, low: float, high: float) -> float:
-        """A float of [low, high]."""
+        """Gives a float of [low, high]."""
 
     def leaf(self, t: Type, bound: Bound | None, stream: str, index: int) -> Value:
-        """A value of a scalar type within its bound."""
+        """Gives a value of a scalar type within its bound."""
 
     def choice(self, stream: str, index: int, count: int) -> int:
-        """The number of one of `count` alternatives, count >= 1."""
+        """Gives the number of one of `count` alternatives, count >= 1."""
 
 
 CHOICES_A_STEP = 4096
@@ -101,20 +101,20 @@ class SeededDraws:
     seed: int
 
     def uniform(self, stream: str, index: int, low: float, high: float) -> float:
-        """A uniform float."""
+        """Gives a uniform float."""
         return draw_float(self.seed, stream, index, low, high)
 
     def leaf(self, t: Type, bound: Bound | None, stream: str, index: int) -> Value:
-        """A uniform value."""
+        """Gives a uniform value."""
         return _draw_leaf(t, bound, self.seed, stream, index)
 
     def choice(self, stream: str, index: int, count: int) -> int:
-        """A uniform choice."""
+        """Gives a uniform choice."""
         return draw_bits(self.seed, stream, index) % count
 
 
 def choice_answerer(draws: Draws, component: Component, ct: int) -> Callable[[int], int]:
-    """The function that answers the `choose`s of one step at `ct` from `draws`, in order."""
+    """Gives the function that answers the `choose`s of one step at `ct` from `draws`, in order."""
     stream = f"{component.name}.choose"
     indices = count((ct - component.phase_ns) // component.period_ns * CHOICES_A_STEP)
     return lambda alternatives: draws.choice(stream, next(indices), alternatives)
@@ -123,19 +123,19 @@ def choice_answerer(draws: Draws, component: Component, ct: int) -> Callable[[in
 def chosen_value(
     t: Type, bounds: Sequence[Bound | None], draws: Draws, base: str, index: int
 ) -> Value:
-    """A value whose leaves `draws` chooses, each from a stream of its own.
+    """Gives a value whose leaves `draws` chooses, each from a stream of its own.
 
     `bounds` in the order of `leaves(t)`; a list has no fixed leaves and cannot be drawn.
     """
     drawn = (
-        draws.leaf(leaf, bound, leaf_name(base, path), index)
+        draws.leaf(leaf, bound, stream_of_leaf(base, path), index)
         for (path, leaf), bound in zip(leaves(t), bounds, strict=True)
     )
     return value_of_leaves(t, drawn)
 
 
-def leaf_name(base: str, path: tuple[str, ...]) -> str:
-    """The stream of one leaf: `base.x` for a field, `base.[0]` for an element."""
+def stream_of_leaf(base: str, path: tuple[str, ...]) -> str:
+    """Gives the stream of one leaf: `base.x` for a field, `base.[0]` for an element."""
     return ".".join((base, *path))
 
 
@@ -154,7 +154,7 @@ def _draw_leaf(t: Type, bound: Bound | None, seed: int, stream: str, index: int)
 
 
 def value_of_leaves(t: Type, leaf_values: Iterator[Value]) -> Value:
-    """The value of type `t` with these leaves, in the order of `leaves(t)`; no lists."""
+    """Gives the value of type `t` with these leaves, in the order of `leaves(t)`; no lists."""
     if isinstance(t, RecordType):
         return tuple([value_of_leaves(f, leaf_values) for _, f in t.fields])
     if isinstance(t, ArrayType):

@@ -26,7 +26,7 @@ from soter.semantics.configuration import AC
 from soter.semantics.draws import SeededDraws
 from soter.semantics.externs import UnboundExternError, extern_node, extern_plant, step_function
 from soter.semantics.faults import group_by_component
-from soter.semantics.publication_gate import make_check
+from soter.semantics.publication_gate import check_of_topic
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -44,23 +44,23 @@ if TYPE_CHECKING:
     Named = tuple[tuple[Variable, Compiled], ...]
 
 
-def nan_storer(types: Iterable[Type]) -> Store:
-    """Gives a function that replaces each NaN in a tuple of values by the one that is stored."""
-    parts = [_storer_of(t) for t in types]
+def function_to_stored(types: Iterable[Type]) -> Store:
+    """Gives a function that replaces each NaN in a tuple by the NaN that is stored."""
+    parts = [_function_to_stored(t) for t in types]
     if not any(parts):
         return _unchanged
     complete = [part or _unchanged for part in parts]
     return lambda values: tuple([f(v) for f, v in zip(complete, values, strict=True)])
 
 
-def _storer_of(t: Type) -> Store | None:
+def _function_to_stored(t: Type) -> Store | None:
     if isinstance(t, FloatType):
         return with_stored_nan
     if isinstance(t, RecordType):
         fields = [f for _, f in t.fields]
-        return nan_storer(fields) if any(_storer_of(f) for f in fields) else None
+        return function_to_stored(fields) if any(_function_to_stored(f) for f in fields) else None
     if isinstance(t, (ArrayType, ListType)):
-        element = _storer_of(t.element)
+        element = _function_to_stored(t.element)
         return None if element is None else lambda values: tuple(map(element, values))
     return None
 
@@ -113,7 +113,7 @@ class PlantCode:
 def compile_plant(
     component: Component, evaluator: Evaluator, topics: Sequence[Topic], move: Move | None
 ) -> PlantCode:
-    """The code of a plant instance. `der` and `next` keep the order the program wrote them in."""
+    """Compiles a plant instance. `der` and `next` keep the order of the program."""
     plant = component.plant
     assert plant is not None, component.name
 
@@ -124,7 +124,7 @@ def compile_plant(
     return PlantCode(
         component=component,
         states=plant.states,
-        store=nan_storer(v.type for v in plant.states),
+        store=function_to_stored(v.type for v in plant.states),
         first=named(first_lets(plant)),
         chosen=frozenset(chosen_lets(plant)),
         lets=named(plant.lets),
@@ -152,7 +152,7 @@ def _arithmetic_of(t: Type) -> Arithmetic:
 
 
 def _leaf_at(t: Type, leaf: int) -> tuple[int, ...]:
-    """The positions, from the outside in, of the leaf with this number."""
+    """Gives the positions, from the outside in, of the leaf with this number."""
     return tuple(positions(t, list(leaves(t))[leaf][0]))
 
 
@@ -189,29 +189,29 @@ class DmCode:
     goods: tuple[Compiled, ...]
     """With several plans of SC: for each whether the estimate is good."""
 
-    def sees(
+    def decide(
         self, env: Environment, topics: Sequence[Value]
     ) -> tuple[bool, bool, int | None, bool]:
-        """`ttf`, `safer`, a plan for which the estimate is good, and whether a NaN was compared.
+        """Gives `ttf`, `safer`, a plan that is good (or None), and whether a NaN was compared.
 
-        Of several plans the last one is asked first. A check that faults says of its plan alone
-        that it is not good.
+        Of several plans the last one is asked first. A check that faults says only that its plan is
+        not good.
         """
         if self.module.plan is None or not self.goods:
-            ttf, nan_in_ttf = _holds(self.ttf, env, unknown=True)
-            safer, nan_in_safer = _holds(self.safer, env, unknown=False)
+            ttf, nan_in_ttf = _truth(self.ttf, env, unknown=True)
+            safer, nan_in_safer = _truth(self.safer, env, unknown=False)
             return ttf, safer, None, nan_in_ttf or nan_in_safer
         last, nan = topics[self.module.plan], False
         for plan in sorted(range(len(self.goods)), key=lambda k: k != last):
-            good, compared = _holds(self.goods[plan], env, unknown=False)
+            good, compared = _truth(self.goods[plan], env, unknown=False)
             nan = nan or compared
             if good:
                 return False, True, plan, nan
         return True, False, None, nan
 
 
-def _holds(predicate: Compiled | None, env: Environment, *, unknown: bool) -> tuple[bool, bool]:
-    """Gives a predicate's truth, `unknown` if there is none or it faults; and if it met a NaN."""
+def _truth(predicate: Compiled | None, env: Environment, *, unknown: bool) -> tuple[bool, bool]:
+    """Gives a predicate's truth, `unknown` if it is missing or faults; and if a NaN was met."""
     if predicate is None:
         return unknown, False
     try:
@@ -249,7 +249,7 @@ class ExecutableSystem:
         self.system = system
         self.seed = seed
         self.draws = draws or SeededDraws(seed)
-        self.checks = tuple([make_check(topic) for topic in system.topics])
+        self.checks = tuple([check_of_topic(topic) for topic in system.topics])
         self.nodes: dict[int, NodeCode] = {}
         self.dms: dict[int, DmCode] = {}
         self.plants: dict[int, PlantCode] = {}
@@ -262,7 +262,7 @@ class ExecutableSystem:
         self._dm_of = tuple([module.dm for module in system.modules])
         self._require_bound([c.name for c in system.components if c.extern])
         for component in system.components:
-            self._compile(component)
+            self._compile_component(component)
         self.timing = group_by_component(system, of_time=True)
         """Component -> what happens to its releases."""
         self.faults = group_by_component(system, of_time=False)
@@ -276,7 +276,7 @@ class ExecutableSystem:
         self._require_bound([f.name for e in self._evaluators for f in e.unbound])
 
     def environment(self, c: Configuration, component: Component | None = None) -> Environment:
-        """What code sees of a configuration; of a component, also its period and control."""
+        """Gives what code reads of a configuration; of a component, also its period and control."""
         return Environment(
             topics=c.Topics,
             stamps=[c.stamps[i] for i in self._aged] if self._aged else c.stamps,
@@ -289,7 +289,7 @@ class ExecutableSystem:
         )
 
     def _margin_ns(self, c: Configuration, index: int) -> int:
-        """How long AC surely stays in control, ns, by what the module's DM saw last; 0 in SC."""
+        """Gives for how many ns AC surely keeps control, by what its DM read last; 0 in SC."""
         module = self.system.modules[index]
         assert module.looked is not None, module.name
         if c.L[module.dm] != AC:
@@ -316,7 +316,7 @@ class ExecutableSystem:
         self._evaluators.append(evaluator)
         return evaluator
 
-    def _compile(self, component: Component) -> None:
+    def _compile_component(self, component: Component) -> None:
         if component.role == "dm":
             assert component.module is not None
             self.dms[component.index] = self._compile_dm(self.system.modules[component.module])
@@ -327,7 +327,7 @@ class ExecutableSystem:
             self._enter_shield(component)
 
     def _enter_shield(self, component: Component) -> None:
-        """The shield of the module whose AC or SC it is; none where it could not be computed."""
+        """Enters the shield of a controller's module, if it could be computed."""
         if component.module is None:
             return
         module = self.system.modules[component.module]
@@ -373,7 +373,7 @@ class ExecutableSystem:
             step = evaluator.block(node.step)
         return NodeCode(
             locals=node.locals,
-            store=nan_storer(v.type for v in node.locals),
+            store=function_to_stored(v.type for v in node.locals),
             takeover=None if node.takeover is None else evaluator.block(node.takeover),
             step=step,
             outputs=tuple([component.scope.topics[topic] for topic in node.publishes]),
@@ -382,13 +382,13 @@ class ExecutableSystem:
         )
 
     def _compile_property(self, prop: Property) -> tuple[Compiled, bool]:
-        """The condition, and the value it has to have."""
+        """Gives the condition of a property, and the value that it must have."""
         assert prop.kind in ("always", "never", "assumes", "guarantees"), prop.kind
         return self._evaluator_for(prop.scope).expression(prop.condition), prop.kind != "never"
 
 
 def _stamp_sources(system: System) -> tuple[int, ...]:
-    """By topic, the topic whose stamp gives its age: for a queue its source. () without queues."""
+    """Gives by topic the one whose stamp is its age: a queue's source. () without queues."""
     if all(t.queue_of is None for t in system.topics):
         return ()
     return tuple([t.index if t.queue_of is None else t.queue_of for t in system.topics])

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
 from soter.language.model.values import inputs_to_python, outputs_from_python
 from soter.report.wording import visible
-from soter.semantics.publication_gate import rounded_to_ends
+from soter.semantics.publication_gate import with_rounded_ends
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -45,7 +45,7 @@ class Converted(tuple):  # type: ignore[type-arg] # noqa: SLOT001 - a plain tupl
 
 
 class UnboundExternError(Exception):
-    """Externs of the system that nothing is bound to; `names` lists them."""
+    """Says that externs of the system are bound to nothing; `names` lists them."""
 
     def __init__(self, names: Sequence[str]) -> None:
         super().__init__("nothing is bound to " + ", ".join(f"`{n}`" for n in names))
@@ -61,7 +61,7 @@ class ExternResetError(Exception):
 
 
 def error_message(error: BaseException) -> str:
-    """Says on one line what an exception of an extern says, whose code may fail even at that."""
+    """Gives an extern's exception on one line; the extern's code may fail even at that."""
     try:
         text = str(error)
     except Stop:
@@ -87,7 +87,7 @@ def step_function(bound: object) -> Step:
 
 
 def reset_extern(name: str, bound: object, seed: int) -> None:
-    """Start a bound object afresh, where it has a `reset`; ExternResetError where that raises."""
+    """Starts a bound object afresh if it has a `reset`; ExternResetError if that raises."""
     start = getattr(bound, "reset", None)
     if callable(start):
         try:
@@ -99,7 +99,7 @@ def reset_extern(name: str, bound: object, seed: int) -> None:
 
 
 def extern_node(topics: Sequence[Topic], component: Component, step: Step) -> Executed:
-    """The step of an extern node: inputs by short name, answers become publications."""
+    """Gives the step of an extern node: inputs by short name, answers become publications."""
     assert component.node is not None
     scope = component.scope.topics
     reads = []
@@ -114,14 +114,14 @@ def extern_node(topics: Sequence[Topic], component: Component, step: Step) -> Ex
         answers = convert_answer(shapes, step(inputs))
         for (index, burst), value in zip(writes, answers, strict=True):
             if value is not None and not (burst and not value):  # no message is no publication
-                ends = [rounded_to_ends(topics[index], m) for m in (value if burst else (value,))]
+                ends = [with_rounded_ends(topics[index], m) for m in (value if burst else (value,))]
                 env.published[index] = tuple(ends) if burst else ends[0]
 
-    return _guard_step(component, run)
+    return _step_with_guard(component, run)
 
 
 def extern_plant(component: Component, step: Step) -> Move:
-    """Gives the motion of an extern plant, which also gets `inputs.state`; what it omits stays."""
+    """Gives the motion of an extern plant, which also gets `inputs.state`; omitted states stay."""
     assert component.plant is not None
     scope = component.scope.topics
     reads = [_short_topic(topic, scope) for topic in component.plant.reads]
@@ -136,7 +136,7 @@ def extern_plant(component: Component, step: Step) -> Move:
             [old if new is None else new for old, new in zip(states, answers, strict=True)]
         )
 
-    return _guard_step(component, move)
+    return _step_with_guard(component, move)
 
 
 def convert_answer(shapes: Sequence[tuple[str, Type]], answer: object) -> Sequence[Value | None]:
@@ -145,11 +145,11 @@ def convert_answer(shapes: Sequence[tuple[str, Type]], answer: object) -> Sequen
 
 
 def _short_topic(topic: TopicSymbol, scope: dict[TopicSymbol, int]) -> tuple[str, Type, int]:
-    """(short name, type, index): the name is the declaration's own, whatever it is renamed to."""
+    """Gives a topic's name in its declaration, whatever it is wired to, its type and its index."""
     return topic.name.rpartition(".")[2], topic.type, scope[topic]
 
 
-def _guard_step(component: Component, run: Callable[..., Any]) -> Callable[..., Any]:
+def _step_with_guard(component: Component, run: Callable[..., Any]) -> Callable[..., Any]:
     def guarded(*arguments: object) -> object:
         try:
             return run(*arguments)

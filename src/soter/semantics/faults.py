@@ -35,7 +35,7 @@ ORDERS = 64
 
 
 def group_by_component(system: System, *, of_time: bool) -> dict[int, tuple[Fault, ...]]:
-    """Component -> its faults of releases (with `of_time`), or else its others."""
+    """Gives component -> its faults of releases (with `of_time`), or its other faults."""
     faults_by_component: dict[int, tuple[Fault, ...]] = {}
     for f in system.faults:
         if f.of_time == of_time:
@@ -47,7 +47,7 @@ def group_by_component(system: System, *, of_time: bool) -> dict[int, tuple[Faul
 
 
 def fault_slot(fault: Fault, seed: int, t: int, period_ns: int) -> int:
-    """Gives the slot of a fault that t lies in; it is drawn once where slots begin."""
+    """Gives the slot of a fault that t lies in; whether a slot is faulty is drawn once."""
     if fault.slot_ns == 0:
         return t // period_ns
     return (t + _slot_offset(fault, seed)) // fault.slot_ns
@@ -62,15 +62,15 @@ def _is_drawn(fault: Fault, seed: int, slot: int) -> bool:
 
 
 def is_active(fault: Fault, seed: int, t: int, period_ns: int) -> bool:
-    """Whether a fault is active at t; one whose slots stay `apart` never is in two in a row."""
+    """Whether a fault is active at t; if slots are `apart`, the one before is not faulty."""
     slot = fault_slot(fault, seed, t, period_ns)
     if not _is_drawn(fault, seed, slot):
         return False
     return not fault.apart or not _is_drawn(fault, seed, slot - 1)
 
 
-def _held_until(fault: Fault, seed: int, t: int, period_ns: int) -> int:
-    """Gives the time until which a component that is held up at t waits; t without a fault."""
+def _end_of_hold(fault: Fault, seed: int, t: int, period_ns: int) -> int:
+    """Gives until when a component that is held up at t waits; t without a fault."""
     slot = fault_slot(fault, seed, t, period_ns)
     if not is_active(fault, seed, t, period_ns):
         return t
@@ -80,7 +80,7 @@ def _held_until(fault: Fault, seed: int, t: int, period_ns: int) -> int:
 
 
 def _lateness_ns(fault: Fault, seed: int, stream: str, release: int) -> int:
-    """How late a release is, ns: drawn between two quantiles, all stretches equally likely."""
+    """How late a release is, ns, drawn between quantiles, whose intervals are equally likely."""
     times = [int(x) for x in fault.amount]
     stretches = len(times) - 1
     place = draw_bits(seed, stream, release) % (stretches << FINE)
@@ -88,10 +88,10 @@ def _lateness_ns(fault: Fault, seed: int, stream: str, release: int) -> int:
     return times[k] + (((times[k + 1] - times[k]) * within) >> FINE)
 
 
-def release_happens_ns(
+def actual_release_ns(
     system: System, faults: Sequence[Fault], c: Component, seed: int, release: int
 ) -> int | None:
-    """Gives when a release really happens; None if it is lost, also to the next release."""
+    """Gives when a release really happens; None if it is lost, as to the next release."""
     nominal = c.phase_ns + release * c.period_ns
     t = nominal
     for f in faults if release % ON_TIME != ON_TIME - 1 else ():
@@ -101,33 +101,33 @@ def release_happens_ns(
         elif f.on is not None:
             t = max(t, _awaited_release(system, f.on, seed, nominal) or t)
         elif f.slot_ns:
-            t = _held_until(f, seed, t, c.period_ns)
+            t = _end_of_hold(f, seed, t, c.period_ns)
         else:
             t += _lateness_ns(f, seed, f"{f.stream}.by", release)
     return t if t == nominal or t < nominal + c.period_ns else None
 
 
 def _awaited_release(system: System, on: int, seed: int, nominal: int) -> int | None:
-    """When the last release of another component, up to a nominal time, happens, if it does."""
+    """Gives when the last release of component `on` up to a nominal time happens, or None."""
     other = system.components[on]
     since = nominal - other.phase_ns
     if since < 0:
         return None
     faults = [f for f in system.faults if f.component == on and f.of_time]
-    return release_happens_ns(system, faults, other, seed, since // other.period_ns)
+    return actual_release_ns(system, faults, other, seed, since // other.period_ns)
 
 
 def is_released(system: System, faults: Sequence[Fault], c: Component, seed: int, ct: int) -> bool:
     """Whether a release of the component happens at ct."""
     release = (ct - c.phase_ns) // c.period_ns
-    return ct >= c.phase_ns and release_happens_ns(system, faults, c, seed, release) == ct
+    return ct >= c.phase_ns and actual_release_ns(system, faults, c, seed, release) == ct
 
 
 def next_release(system: System, faults: Sequence[Fault], c: Component, seed: int, ct: int) -> int:
-    """The first release that happens after ct."""
+    """Gives the first release that happens after ct."""
     release = max((ct - c.phase_ns) // c.period_ns, 0)
     while True:
-        t = release_happens_ns(system, faults, c, seed, release)
+        t = actual_release_ns(system, faults, c, seed, release)
         if t is not None and t > ct:
             return t
         release += 1
@@ -140,7 +140,7 @@ def overrun_ns(faults: Sequence[Fault], c: Component, seed: int, ct: int) -> int
 
 
 def begin_times(fault: Fault, c: Component, seed: int, until_ns: int) -> list[int]:
-    """Gives the times up to `until_ns` at which a fault began; [] for `late` at every release."""
+    """Gives the times up to `until_ns` at which a fault began; [] for `late` in all releases."""
     if fault.on is not None or (fault.kind == "late" and fault.slot_ns == 0):
         return []
     step = max(fault.slot_ns, c.period_ns)
@@ -160,7 +160,7 @@ def with_faults(
     before: Configuration,
     out: dict[int, Value],
 ) -> dict[int, Value]:
-    """By topic, what a step publishes with these faults; `before`: the configuration before it."""
+    """Topic -> value that a step publishes under these faults; `before`: the configuration."""
     value_by_topic, ct, now = dict(out), before.ct, before.Topics
     for f in faults:
         if f.topic not in value_by_topic or f.topic is None:
@@ -196,7 +196,7 @@ def with_faults(
 def _faulty_leaf(
     f: Fault, seed: int, at: tuple[int, int, int], old: Value, bound: Bound | None
 ) -> Value:
-    """The value of a leaf under a fault; `at`: the slot, ct and the leaf's number."""
+    """Gives the value of a leaf under a fault; `at`: the slot, ct and the leaf's number."""
     if f.kind == "nan":
         return with_stored_nan(math.nan)
     slot, ct, leaf = at
@@ -226,6 +226,6 @@ def _value_at(value: Value, path: Sequence[int]) -> Value:
     return value
 
 
-def next_in_any_order(seed: int, ct: int, waiting: int) -> int:
-    """The index, among `waiting` nodes at ct, of the one that steps next."""
+def random_next_index(seed: int, ct: int, waiting: int) -> int:
+    """Gives the index, among `waiting` nodes at ct, of the one that steps next."""
     return draw_bits(seed, "fault.order", ct * ORDERS + waiting % ORDERS) % waiting

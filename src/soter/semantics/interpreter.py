@@ -32,13 +32,13 @@ from soter.semantics.configuration import (
 from soter.semantics.draws import choice_answerer, chosen_value, value_of_leaves
 from soter.semantics.executable_system import ExecutableSystem
 from soter.semantics.externs import reset_extern
-from soter.semantics.faults import disturbance_factor, next_in_any_order, with_faults
+from soter.semantics.faults import disturbance_factor, random_next_index, with_faults
 from soter.semantics.judgements import violated_properties
 from soter.semantics.publication_gate import (
     check_publications,
     latch_component,
     publish,
-    rounded_to_ends,
+    with_rounded_ends,
 )
 from soter.semantics.rules import (
     ac_or_sc_step,
@@ -73,7 +73,7 @@ if TYPE_CHECKING:
 def plant_step(
     machine: ExecutableSystem, c: Configuration, n: int
 ) -> tuple[Configuration, StepOutcome]:
-    """One step of the plant `n` at ct: it moves over the period that ends now, and publishes.
+    """Makes the step of plant `n` at ct: it moves over the period that ends now, and publishes.
 
     At its first release it only publishes. A step fault latches it: a stopped world is no
     environment to be safe in, so the run counts as violated.
@@ -95,7 +95,7 @@ def plant_step(
         _choose_lets(code, env, states)
         if moves:
             states = code.store(_next_states(code, env, states))
-        out = _drive_values(code, env, states, machine.draws, c.ct)
+        out = _driven_values(code, env, states, machine.draws, c.ct)
         if n in machine.faults:
             out = with_faults(machine.system, machine.faults[n], component, machine.seed, c, out)
         check_publications(machine.checks, out, out, component.span)
@@ -106,7 +106,7 @@ def plant_step(
 
 
 def _disturbances(component: Component, draws: Draws, ct: int | None) -> dict[Variable, Value]:
-    """The disturbances over the period that ends at `ct`; at the first release (None) draw 0."""
+    """Draws disturbances for the period that ends at `ct`; None, the first release, is draw 0."""
     drawn = {}
     for d in component.disturbances:
         hold = d.hold_ns or component.period_ns
@@ -118,7 +118,7 @@ def _disturbances(component: Component, draws: Draws, ct: int | None) -> dict[Va
 def _scaled_disturbances(
     machine: ExecutableSystem, component: Component, drawn: dict[Variable, Value], ct: int
 ) -> dict[Variable, Value]:
-    """The disturbances, scaled by the faults of the system."""
+    """Gives the disturbances, scaled by the faults of the system."""
     value_by_variable = dict(drawn)
     for i, d in enumerate(component.disturbances):
         by = disturbance_factor(machine.faults[component.index], component, i, machine.seed, ct)
@@ -140,7 +140,7 @@ def _draw_disturbance(d: Disturbance, draws: Draws, index: int) -> Value:
 
 
 def _next_states(code: PlantCode, env: Environment, states: tuple[Value, ...]) -> tuple[Value, ...]:
-    """The states one period later: every `next` from the old states, every `der` integrated."""
+    """Gives the states one period later: `next` from the old states, `der` integrated."""
     if code.move is not None:
         return code.move(env, states)
     new = dict(zip(code.states, states, strict=True))
@@ -148,14 +148,14 @@ def _next_states(code: PlantCode, env: Environment, states: tuple[Value, ...]) -
         _show_states(code, env, states)
         new.update({variable: value(env) for variable, value in code.next})
     if code.der:
-        new.update(_integrate(code, env, states))
+        new.update(_integrated_states(code, env, states))
     return tuple([new[variable] for variable in code.states])
 
 
-def _integrate(
+def _integrated_states(
     code: PlantCode, env: Environment, states: tuple[Value, ...]
 ) -> dict[Variable, Value]:
-    """All `der` states together over one period, in `substeps` equal steps; the others held."""
+    """Gives all `der` states after a period, in `substeps` equal steps; others are constant."""
     variables = [variable for variable, _ in code.der]
 
     def f(x: list[Value]) -> list[Value]:
@@ -173,12 +173,12 @@ def _integrate(
 
 
 def _euler_step(f: Derivative, x: list[Value], h: float, arithmetic: Steps) -> list[Value]:
-    """`x + h*f(x)`."""
+    """Gives `x + h*f(x)`."""
     return _moved_along(x, h, f(x), arithmetic)
 
 
 def _rk4_step(f: Derivative, x: list[Value], h: float, arithmetic: Steps) -> list[Value]:
-    """`x + (h/6)*(((k1 + 2*k2) + 2*k3) + k4)`."""
+    """Gives `x + (h/6)*(((k1 + 2*k2) + 2*k3) + k4)`."""
     k1 = f(x)
     k2 = f(_moved_along(x, h * 0.5, k1, arithmetic))
     k3 = f(_moved_along(x, h * 0.5, k2, arithmetic))
@@ -193,17 +193,17 @@ STEPS = {"euler": _euler_step, "rk4": _rk4_step}
 
 
 def _moved_along(x: list[Value], factor: float, k: list[Value], arithmetic: Steps) -> list[Value]:
-    """`x + factor*k`."""
+    """Gives `x + factor*k`."""
     return [a.add(y, a.scale(factor, z)) for a, y, z in zip(arithmetic, x, k, strict=True)]
 
 
 # ---------------------------------------------------------------- measurement
 
 
-def _drive_values(
+def _driven_values(
     code: PlantCode, env: Environment, states: tuple[Value, ...], draws: Draws, ct: int
 ) -> dict[int, Value]:
-    """What the plant publishes: its `drives` on these states, measurement errors added."""
+    """Gives what the plant publishes: its `drives` on these states, with errors added."""
     _show_states(code, env, states)
     out = {topic: value(env) for topic, value in code.drives}
     for r in code.readings:
@@ -226,14 +226,14 @@ def _set_states(code: PlantCode, env: Environment, states: tuple[Value, ...]) ->
 
 
 def _evaluate_lets(code: PlantCode, env: Environment) -> None:
-    """Evaluate all lets except those that chose at the beginning of the step."""
+    """Evaluates all lets except those that chose at the beginning of the step."""
     for variable, value in code.lets:
         if variable not in code.chosen:
             env.variables[variable] = value(env)
 
 
 def _choose_lets(code: PlantCode, env: Environment, states: tuple[Value, ...]) -> None:
-    """Evaluate the lets that choose: once in a step, on the states that it begins with."""
+    """Evaluates the lets that choose: once in a step, on the states that it begins with."""
     if not code.first:
         return
     _set_states(code, env, states)
@@ -250,12 +250,12 @@ def why_refused(
     *,
     within: bool = False,
 ) -> FaultKind | None:
-    """Why `topic` does not take `value`, measured at `time_ns`; None where it does.
+    """Gives why `topic` refuses `value`, measured at `time_ns`; None if it takes it.
 
-    EXTERN: the topic is not the environment's, the value is none of its type, or the time is before
+    EXTERN: the topic is not the environment's, the value is not of its type, or the time is before
     the topic's stamp or after the next instant (while one waits: after ct). NONFINITE, RANGE: the
-    value is not in the topic's set (`rounded_to_ends`). `within`: time has moved to an instant
-    that is not over, though FN may be empty: nobody is released when only an input is drawn.
+    value is not in the topic's set (`rounded_to_ends`). `within`: time has moved to an instant that
+    is not over, though FN may be empty: nobody is released when only an input is drawn.
     """
     topics = machine.system.topics
     if topic not in environment_topics(machine.system):
@@ -264,14 +264,14 @@ def why_refused(
     if not c.stamps[topic] <= time_ns <= latest or not is_value(topics[topic].type, value):
         return FaultKind.EXTERN
     try:
-        machine.checks[topic](rounded_to_ends(topics[topic], value), topics[topic].symbol.span)
+        machine.checks[topic](with_rounded_ends(topics[topic], value), topics[topic].symbol.span)
     except StepFault as fault:
         return fault.kind
     return None
 
 
-def deployed_order(c: Configuration) -> int:
-    """The choice of deployed drivers: plants, DMs, SCs, the rest; ties by declaration."""
+def first_in_deployed_order(c: Configuration) -> int:
+    """Gives the node that deployed drivers choose: plants, DMs, SCs, others, as declared."""
     return c.FN[0]
 
 
@@ -298,7 +298,7 @@ class Interpreter:
     # ------------------------------------------------------------ the start
 
     def initial(self) -> Configuration:
-        """(L0, OE0, ct0, FN0, Topics0); externs that can are reset (`ExternResetError`)."""
+        """Gives (L0, OE0, ct0, FN0, Topics0) after a reset of externs (`ExternResetError`)."""
         for name, bound in self._externs.items():
             reset_extern(name, bound, self.machine.seed)
         components, modules = self.system.components, self.system.modules
@@ -316,7 +316,7 @@ class Interpreter:
         )
 
     def record(self) -> Record:
-        """An empty record for a run from `initial()`."""
+        """Gives an empty record for a run from `initial()`."""
         return Record(
             modules=[ModuleRecord(_first_mode(m)) for m in self.system.modules],
             components=[ComponentRecord() for _ in self.system.components],
@@ -350,11 +350,11 @@ class Interpreter:
     # ------------------------------------------------------------ transitions
 
     def enabled(self, c: Configuration) -> tuple[int, ...]:
-        """The components that may fire next; none means that time may progress."""
+        """Gives the components that may fire next; () if time may progress."""
         return c.FN
 
     def fire(self, c: Configuration, n: int) -> tuple[Configuration, DecisionVerdict | StepOutcome]:
-        """The step of component `n` of FN, by whichever rule it takes, and what it reports."""
+        """Makes the step of component `n` of FN, by the rule of its role; also gives its report."""
         role = self.system.components[n].role
         if role == "plant":
             return plant_step(self.machine, c, n)
@@ -363,20 +363,20 @@ class Interpreter:
         return ac_or_sc_step(self.machine, c, n)
 
     def next_node(self, c: Configuration) -> int:
-        """The choice of deployed drivers; plants first, then any, where the system says so."""
-        first = deployed_order(c)
+        """The node that deployed drivers choose; any after plants, if the system is shuffled."""
+        first = first_in_deployed_order(c)
         if not self.system.shuffled or self.system.components[first].role == "plant":
             return first
-        return c.FN[next_in_any_order(self.machine.seed, c.ct, len(c.FN))]
+        return c.FN[random_next_index(self.machine.seed, c.ct, len(c.FN))]
 
     def publish(self, c: Configuration, published: Mapping[int, Value]) -> Configuration:
-        """Put values on topics and their queues, for drivers that hold publications back."""
+        """Puts values on topics and their queues, for drivers that delay publications."""
         return publish(self.system.topics, c, published)
 
     def publish_input(
         self, c: Configuration, topic: int, value: Value, time_ns: int, *, within: bool = False
     ) -> tuple[Configuration, FaultKind | None]:
-        """A value from outside, measured at `time_ns`: `soter_publish` of `runtime/soter.h`.
+        """Gives a value from outside, measured at `time_ns`: `soter_publish` of `runtime/soter.h`.
 
         The topic gets it with this stamp; if it is refused nothing changes, and the kind says why
         (`why_refused`). `within`: the driver has moved time and not ended the instant, which C
@@ -385,17 +385,17 @@ class Interpreter:
         refused = why_refused(self.machine, c, topic, value, time_ns, within=within)
         if refused is not None:
             return c, refused
-        taken = rounded_to_ends(self.system.topics[topic], value)
+        taken = with_rounded_ends(self.system.topics[topic], value)
         return environment_input(self.machine, c, topic, taken, time_ns), None
 
     def due_inputs(self, c: Configuration) -> Iterable[tuple[int, Value]]:
-        """The inputs of the virtual-time driver at ct: the seeded draws of `input t every d`."""
+        """Yields the inputs at ct of `input t every d`, as the draws choose them."""
         for drive in self.system.inputs:
             if c.ct % drive.every_ns == 0:
                 yield drive.topic, self.drawn_input(drive, c.ct)
 
     def drawn_input(self, drive: InputDrive, ct: int) -> Value:
-        """The value that the draws choose for an input at ct."""
+        """Gives the value that the draws choose for an input at ct."""
         topic, draws = self.system.topics[drive.topic], self.machine.draws
         stream, index = f"input.{topic.name}", ct // drive.every_ns
         if drive.values:
@@ -409,10 +409,10 @@ class Interpreter:
         choose_input: ChooseInput | None = None,
         record: Record | None = None,
     ) -> Configuration:
-        """An instant as a whole: time progresses, inputs change, all of FN fires.
+        """Makes an instant as a whole: time progresses, inputs change, all of FN fires.
 
-        `choose_node` gets a configuration and picks from its FN; `choose_input` gives the
-        inputs, (topic index, value), of the instant that begins. A `record` is added to.
+        `choose_node` gets a configuration and picks from its FN; `choose_input` gives the inputs,
+        (topic index, value), of the instant that begins. A `record` is added to.
         """
         choose = choose_node or self.next_node
         c = discrete_time_progress_step(self.machine, c)
@@ -433,7 +433,7 @@ class Interpreter:
         choose_node: ChooseNode | None = None,
         choose_input: ChooseInput | None = None,
     ) -> tuple[Configuration, Record]:
-        """All instants up to and including `until_ns` (by default the system's own `until`).
+        """Makes all instants up to and including `until_ns` (by default the system's own `until`).
 
         `observe` sees the configuration and the record after every instant.
         """
@@ -448,5 +448,5 @@ class Interpreter:
 
 
 def _first_mode(module: Module) -> int:
-    """SC, so that every module starts in safe hands; AC only where the system forces it."""
+    """Gives SC, so that every module starts in safe hands; AC if the system forces it."""
     return AC if module.forced == "ac" else SC

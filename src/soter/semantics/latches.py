@@ -20,7 +20,7 @@ WAITS, READY, ACKNOWLEDGED = 0, 1, 2
 OPEN, CLOSED = 0, 1
 
 
-def latch_seen(
+def read_latch(
     system: System, c: Configuration, module: Module, mode: int
 ) -> tuple[Configuration, bool]:
     """Gives the configuration after a DM looks at its latch, and whether AC may have control.
@@ -44,25 +44,25 @@ def latch_seen(
         held, since = READY, stamp
     elif stamp > since and held == READY and pressed:
         held, since = ACKNOWLEDGED if c.ct - stamp <= max_age else WAITS, stamp
-    return _remember_latch(c, module.latch, held, since), held == ACKNOWLEDGED
+    return _with_latch(c, module.latch, held, since), held == ACKNOWLEDGED
 
 
-def latch_switched(c: Configuration, module: Module, after: int) -> Configuration:
+def with_latch_after_change(c: Configuration, module: Module, after: int) -> Configuration:
     """Gives the latch after a change of mode: a takeover sets it and spends the acknowledgement."""
     if module.latch is None:
         return c
     if module.acknowledgement is None:
-        return _remember_latch(c, module.latch, CLOSED, NEVER)
-    return _remember_latch(c, module.latch, WAITS, NEVER if after == AC else c.ct)
+        return _with_latch(c, module.latch, CLOSED, NEVER)
+    return _with_latch(c, module.latch, WAITS, NEVER if after == AC else c.ct)
 
 
-def plan_chosen(c: Configuration, module: Module, after: int, plan: int | None) -> Configuration:
+def with_plan(c: Configuration, module: Module, after: int, plan: int | None) -> Configuration:
     """Stores the plan that was found good with a verdict "AC", which SC follows from then on."""
     if after != AC or plan is None or module.plan is None or module.forced is not None:
         return c
     return replace(c, Topics=with_value(c.Topics, module.plan, plan))
 
 
-def _remember_latch(c: Configuration, latch: int, held: int, since: int) -> Configuration:
+def _with_latch(c: Configuration, latch: int, held: int, since: int) -> Configuration:
     topics = with_value(c.Topics, latch, held)
     return replace(c, Topics=topics, stamps=with_value(c.stamps, latch, since))

@@ -29,15 +29,15 @@ if TYPE_CHECKING:
 # ---------------------------------------------------------------- the topic's set
 
 
-def make_check(topic: Topic) -> Check:
-    """`(value, span)` raises a step fault unless the value lies in the topic's set."""
+def check_of_topic(topic: Topic) -> Check:
+    """Gives `(value, span)`, which raises a step fault unless the topic's set has the value."""
     bounds = iter(topic.bounds)
     names = iter([".".join((topic.name, *path)) for path, _ in leaves(topic.type)])
     return _type_check(topic.type, bounds, names)
 
 
 def _type_check(t: Type, bounds: Iterator[Bound | None], names: Iterator[str]) -> Check:
-    """The check of one type; takes as many bounds and names as the type has leaves."""
+    """Gives the check of one type; takes as many bounds and names as the type has leaves."""
     if isinstance(t, RecordType):
         return _parts_check([_type_check(f, bounds, names) for _, f in t.fields])
     if isinstance(t, ArrayType):
@@ -81,10 +81,10 @@ def check_publications(
     span: Span,
     bursts: Collection[int] = (),
 ) -> None:
-    """Refuse, by a step fault, publications outside their topics' sets.
+    """Raises a step fault for publications outside of their topics' sets.
 
-    In the order of `outputs` (a node's `publishes`, a plant's `drives`), the messages of `bursts`
-    in theirs, leaves in declared order.
+    It checks `outputs` in order (a node's `publishes`, a plant's `drives`), messages of `bursts` in
+    theirs, and leaves in declared order.
     """
     for topic in outputs:
         if topic in published:
@@ -93,19 +93,19 @@ def check_publications(
 
 
 def messages_of(topic: int, published: Value, bursts: Collection[int]) -> tuple[Value, ...]:
-    """What a step published on a topic, in order: one value, or several where it may burst."""
+    """Gives the messages on a topic in a step, in order: one, or several of a burst."""
     return published if topic in bursts else (published,)
 
 
-def rounded_to_ends(topic: Topic, value: Value) -> Value:
-    """Gives a value from outside; numbers between an end and its float32 become the end."""
+def with_rounded_ends(topic: Topic, value: Value) -> Value:
+    """Gives a value from outside; numbers between an end and its float32 are the end."""
     if all(b is None or b.singles == (b.low, b.high) for b in topic.bounds):
         return value
     return _map_leaves(_round_to_end, topic.type, iter(topic.bounds), value)
 
 
 def clip_to_set(t: Type, bounds: Sequence[Bound | None], value: Value) -> Value:
-    """A value with numbers outside of a topic's set moved to its ends; NaN and infinity stay."""
+    """Gives a value whose numbers are limited to a topic's set; NaN and infinity stay."""
     return _map_leaves(_clip_leaf, t, iter(bounds), value)
 
 
@@ -115,7 +115,7 @@ def _map_leaves(
     bounds: Iterator[Bound | None],
     value: Value,
 ) -> Value:
-    """A value whose leaves went through `leaf`; takes as many bounds as the type has leaves."""
+    """Gives a value with `leaf` applied to its leaves; takes as many bounds as it has leaves."""
     if isinstance(t, RecordType):
         fields = zip(t.fields, value, strict=True)
         return tuple([_map_leaves(leaf, f, bounds, part) for (_, f), part in fields])
@@ -154,10 +154,10 @@ def publish(
     time_ns: int | None = None,
     bursts: Collection[int] = (),
 ) -> Configuration:
-    """Topics' = out united with Topics[T without dom(out)]; stamped `time_ns`, None is ct.
+    """Gives the configuration with `published` on its topics, stamped `time_ns` (None: ct).
 
-    Every value also goes into the queues behind its topic; of `bursts` every message does, and the
-    topic holds the last one.
+    Topics' = out united with Topics[T without dom(out)]. Every value also goes into the queues of
+    its topic; of `bursts` every message does, and the topic holds the last one.
     """
     if not published:
         return c
@@ -172,7 +172,7 @@ def publish(
 
 
 def _push_to_queue(queue: Topic, values: list[Value], stamps: list[int], value: Value) -> None:
-    """Put a value at the end of a queue; a full one does as its policy says."""
+    """Puts a value at the end of a queue; a full one does as its policy says."""
     assert isinstance(queue.type, ListType), queue.name
     waiting = values[queue.index]
     if len(waiting) < queue.type.capacity:
@@ -184,13 +184,13 @@ def _push_to_queue(queue: Topic, values: list[Value], stamps: list[int], value: 
 
 
 def require_nothing_lost(c: Configuration, queues: Iterable[int], span: Span) -> None:
-    """StepFault where one of a node's queues lost a value that it may not lose."""
+    """Raises StepFault if a node's queue lost a value that it must not lose."""
     if any(c.stamps[q] == LOST for q in queues):
         raise StepFault(FaultKind.CAPACITY, span, "a queue was full")
 
 
 def clear_lost_queues(c: Configuration, queues: Iterable[int]) -> Configuration:
-    """Empty those of these queues that lost a value, after the fault of `require_nothing_lost`."""
+    """Empties those of these queues that lost a value, after that step fault."""
     for q in queues:
         if c.stamps[q] == LOST:
             c = replace(empty_queues(c, (q,)), stamps=with_value(c.stamps, q, NEVER))
@@ -198,7 +198,7 @@ def clear_lost_queues(c: Configuration, queues: Iterable[int]) -> Configuration:
 
 
 def empty_queues(c: Configuration, queues: Iterable[int]) -> Configuration:
-    """Empty the queues of a node after its completed step."""
+    """Empties the queues of a node after its completed step."""
     for q in queues:
         if c.Topics[q]:
             c = replace(c, Topics=with_value(c.Topics, q, ()))
@@ -206,7 +206,7 @@ def empty_queues(c: Configuration, queues: Iterable[int]) -> Configuration:
 
 
 def note_ac_fault(c: Configuration, module: Module) -> Configuration:
-    """Tells the DM of a step fault of the module's AC, if it counted, and asks for clean steps."""
+    """Notes a step fault of AC for its DM, if AC counted, and asks for clean steps."""
     gate_fault = c.gate_fault
     if c.OE[module.ac]:
         gate_fault = with_value(gate_fault, module.index, True)
@@ -215,14 +215,14 @@ def note_ac_fault(c: Configuration, module: Module) -> Configuration:
 
 
 def latch_component(c: Configuration, n: int) -> Configuration:
-    """After a step fault of a trusted component: it never runs again."""
+    """Latches a trusted component after its step fault: it never runs again."""
     return replace(c, latched=with_value(c.latched, n, True))
 
 
 def count_clean_step(
     c: Configuration, module: Module, outputs: Iterable[int], published: Iterable[int]
 ) -> Configuration:
-    """After a good step of the module's AC: complete outputs count as one clean step."""
+    """Counts a good step of the module's AC as clean if its outputs are complete."""
     owed = c.clean_needed[module.index]
     if owed == 0 or not set(outputs) <= set(published):
         return c

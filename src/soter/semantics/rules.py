@@ -26,7 +26,7 @@ from soter.semantics.configuration import (
 from soter.semantics.draws import choice_answerer, draw_bits
 from soter.semantics.faults import is_released, next_release, overrun_ns, with_faults
 from soter.semantics.judgements import violated_contracts
-from soter.semantics.latches import latch_seen, latch_switched, plan_chosen
+from soter.semantics.latches import read_latch, with_latch_after_change, with_plan
 from soter.semantics.publication_gate import (
     check_publications,
     clear_lost_queues,
@@ -83,9 +83,9 @@ def dm_step(
     mode = c.L[dm]
     env = machine.environment(c, machine.system.components[dm])
     stale = is_stale(machine, c, module)
-    ttf, safer, plan, nan = code.sees(env, c.Topics)
+    ttf, safer, plan, nan = code.decide(env, c.Topics)
     gate_fault = c.gate_fault[module.index]
-    c, returns = latch_seen(machine.system, c, module, mode)
+    c, returns = read_latch(machine.system, c, module, mode)
 
     unsafe = ttf or stale or gate_fault
     after = mode
@@ -95,8 +95,8 @@ def dm_step(
         clean = not stale and c.clean_needed[module.index] == 0
         after = AC if safer and clean and returns else SC
     if after != mode:
-        c = latch_switched(c, module, after)
-    c = plan_chosen(c, module, after, plan)
+        c = with_latch_after_change(c, module, after)
+    c = with_plan(c, module, after, plan)
     if module.looked is not None:  # what `margin` counts from
         looks = module.looks_left(unsafe=unsafe, safer=safer)
         c = publish(machine.system.topics, c, {module.looked: looks})
@@ -139,7 +139,7 @@ def ac_or_sc_step(
 def _node_step(
     machine: ExecutableSystem, c: Configuration, component: Component
 ) -> tuple[Configuration, StepOutcome]:
-    """One step of a node; if it takes time, what it publishes is held."""
+    """Makes one step of a node; if the step takes time, its publications are held."""
     n = component.index
     oe, code = c.OE[n], machine.nodes[n]
     if c.latched[n]:
@@ -179,7 +179,7 @@ def _node_step(
 
 
 def next_instant(machine: ExecutableSystem, c: Configuration) -> int:
-    """The earliest time after ct when something is released, drawn, or takes effect."""
+    """Gives the earliest time after ct when something is released, drawn, or takes effect."""
     system, ct = machine.system, c.ct
     times = [_next_release(machine, ct, n) for n in system.components]
     times += [_next_multiple(ct, 0, i.every_ns) for i in system.inputs]
@@ -188,7 +188,7 @@ def next_instant(machine: ExecutableSystem, c: Configuration) -> int:
 
 
 def _next_release(machine: ExecutableSystem, ct: int, n: Component) -> int:
-    """The first release of a component after `ct`, as the faults of the system move it."""
+    """Gives the first release of a component after `ct`, as the faults of the system move it."""
     late = machine.timing.get(n.index)
     if late is None:
         return _next_multiple(ct, n.phase_ns, n.period_ns)
@@ -196,13 +196,13 @@ def _next_release(machine: ExecutableSystem, ct: int, n: Component) -> int:
 
 
 def _is_due(machine: ExecutableSystem, c: Configuration, n: Component, ct: int) -> bool:
-    """Whether a component fires at `ct`; releases of one that is still busy are lost."""
+    """Whether a component fires at `ct`; a release while its step lasts is lost."""
     ends = NEVER if n.held is None else c.stamps[n.held]
     return ends == ct or (ends == NEVER and _is_released(machine, n, ct))
 
 
 def _next_multiple(ct: int, phase: int, period: int) -> int:
-    """The smallest phase + k * period, k >= 0, after `ct`."""
+    """Gives the smallest phase + k * period, k >= 0, after `ct`."""
     return phase if ct < phase else ct + period - (ct - phase) % period
 
 
@@ -215,7 +215,7 @@ def _is_released(machine: ExecutableSystem, n: Component, ct: int) -> bool:
 
 
 def _without_node(fn: tuple[int, ...], n: int) -> tuple[int, ...]:
-    """FN' = FN minus {n}."""
+    """Gives FN' = FN minus {n}."""
     assert n in fn, "a component fires once an instant"
     return tuple([i for i in fn if i != n])
 
@@ -224,7 +224,7 @@ def _without_node(fn: tuple[int, ...], n: int) -> tuple[int, ...]:
 
 
 def is_stale(machine: ExecutableSystem, c: Configuration, module: Module) -> bool:
-    """Whether the DM would decide on a topic older than its `max_age`, or on several instants."""
+    """Whether a topic that the DM reads is older than its `max_age`, or shows another instant."""
     for index in module.inputs:
         max_age = machine.system.topics[index].max_age_ns
         if max_age is not None and c.ct - c.stamps[index] > max_age:
@@ -237,7 +237,7 @@ def is_stale(machine: ExecutableSystem, c: Configuration, module: Module) -> boo
 
 
 def draw_end(machine: ExecutableSystem, c: Configuration, component: Component) -> Configuration:
-    """Draws when a step that has begun, or faulted, ends; that is its held topic's stamp."""
+    """Draws when a step that has begun, or faulted, ends; its held topic's stamp says it."""
     assert component.held is not None
     low, high = component.takes_ns or (0, 0)
     faults = machine.faults.get(component.index, ())
@@ -262,7 +262,7 @@ def hold_outputs(
 def publish_held(
     machine: ExecutableSystem, c: Configuration, component: Component
 ) -> tuple[Configuration, dict[int, Value]]:
-    """Publishes what is held, if the outputs are enabled; returns it, too."""
+    """Publishes the held outputs if they are enabled; gives what was published, too."""
     assert component.held is not None
     value = c.Topics[component.held]
     outputs = machine.nodes[component.index].outputs
@@ -284,7 +284,7 @@ def publish_held(
 def _run_step(
     machine: ExecutableSystem, c: Configuration, component: Component
 ) -> tuple[tuple[Value, ...], dict[int, Value]]:
-    """(l', out) of one step: `on takeover` first where control is new; faults are raised."""
+    """Gives (l', out) of one step, after `on takeover` if control is new; raises faults."""
     n = component.index
     code = machine.nodes[n]
     env = machine.environment(c, component)
@@ -307,7 +307,7 @@ def _run_step(
 def _after_fault(
     machine: ExecutableSystem, c: Configuration, component: Component, fault: StepFault
 ) -> tuple[Configuration, StepOutcome]:
-    """Gives what follows a step fault: AC is gated, a trusted node latched; locals stay."""
+    """Gives the configuration after a step fault: AC is gated, a trusted node is latched."""
     n = component.index
     if fault.kind is FaultKind.CAPACITY:
         c = clear_lost_queues(c, machine.nodes[n].queues)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
-from soter.language.model.types import made_of, numbers_in
+from soter.language.model.types import numbers_in, value_of_numbers
 from soter.semantics.configuration import with_value
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ def _with_numbers(
     """The publications with these numbers, those of all outputs, put in."""
     new, rest = dict(published), iter(numbers)
     for topic in _shielding_module(machine, component).outputs:
-        value = made_of(machine.system.topics[topic].type, rest)
+        value = value_of_numbers(machine.system.topics[topic].type, rest)
         if topic in published:
             new[topic] = value
     return new

@@ -20,7 +20,7 @@ import numpy as np
 from soter.core.layout import NEVER, state_layout
 from soter.diagnostics.diagnostic import SoterError, mistake
 from soter.diagnostics.system_texts import reason
-from soter.language.load.named_files import opened
+from soter.language.load.named_files import open_finite_file
 from soter.report.wording import visible
 from soter.targets.posix_package import FIRST_LINE, flight_head
 
@@ -97,7 +97,7 @@ class FlightRecording:
     @contextmanager
     def _open_file(self) -> Iterator[BinaryIO]:
         try:
-            with opened(self.path) as file:
+            with open_finite_file(self.path) as file:
                 yield file
         except OSError as error:
             raise self._cannot_read(reason(error)) from error

@@ -24,7 +24,7 @@ from soter.diagnostics.current_phase import share_done
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
 from soter.diagnostics.system_texts import reason
 from soter.language.front_end import check_file
-from soter.language.load.named_files import ReadError, opened
+from soter.language.load.named_files import ReadError, open_finite_file
 from soter.verify import synthesized_sc
 from soter.verify.chosen_modules import modules_of
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
@@ -265,7 +265,7 @@ def synthesize(
 def _is_written_by_soter(output: Path) -> bool:
     """Whether soter wrote a file: its beginning says so."""
     try:
-        with opened(output, pipes=False) as stream:
+        with open_finite_file(output, pipes=False) as stream:
             return synthesized_sc.HEADER.encode() in stream.read(BEGINNING)
     except ReadError:
         return False

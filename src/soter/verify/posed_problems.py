@@ -77,7 +77,7 @@ def text_with_names(
         if isinstance(part, (typed.Symbol, typed.Literal)) and part.name is not None:
             names.add(part.name)
         if isinstance(part, typed.NodeSymbol) and part in untrusted:
-            return part.doing(())
+            return part.node_that_does(())
         if isinstance(part, typed.ModuleSymbol) and untrusted:
             return replace(part, contract=())
         if isinstance(part, typed.DisturbanceSymbol) and untrusted:

@@ -19,7 +19,7 @@ from soter.language.check.constants_and_types import Calculator
 from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.language.front_end import system_to_prove
 from soter.language.model import typed
-from soter.language.model.system import holder_of
+from soter.language.model.system import name_of_subsystem
 from soter.language.model.tree_walk import conjuncts, topic_reads
 from soter.language.model.types import RecordType, leaf_count
 from soter.verify.problem.extract import extract
@@ -294,7 +294,7 @@ def _set_guarantees(flat: System, module: Module, problem: Problem) -> list[Scop
     for index in dict.fromkeys(o.owner for o in problem.quantities.others):
         topic = problem.system.topics[index]
         there = [t for t in flat.topics if t.symbol is topic.symbol]
-        there.sort(key=lambda t: not t.name.startswith(holder_of(module)))
+        there.sort(key=lambda t: not t.name.startswith(name_of_subsystem(module)))
         by = (there[0] if there else topic).driver or "nobody (its default)"
         text = f"{topic.name} lies in its declared set"
         guarantees.append(ScopeGuarantee(problem.name, text, by, "enforced"))

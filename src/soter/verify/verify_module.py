@@ -363,7 +363,7 @@ def _finding_on_claim(problem: Problem, done: list[Case], claim: str) -> Finding
             finding.hint = finding.hint or failure.hint
             if failure.cells is not None and failure.proof is not None:
                 parameters = list(zip(names, case.parameter, strict=True))
-                finding.regions += failure.proof.regions(failure.cells, parameters)
+                finding.regions += failure.proof.boxes_around(failure.cells, parameters)
             if failure.where is not None:
                 finding.regions.append(failure.where)
     if not finding.text:

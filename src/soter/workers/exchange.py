@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from soter.codegen.externs import answer_fields, request_fields
-from soter.core.layout import LayoutMember, Struct, align_of, arrange, size_of
+from soter.core.layout import LayoutMember, Struct, align_of, lay_out, size_of
 from soter.language.model.types import ArrayType, EnumType, ListType, RecordType
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def make_exchange(system: System, component: Component) -> Exchange:
     """The layouts of what an extern node is asked and answers."""
     request = _layout_as_declared(request_fields(system, component))
     fields = answer_fields(component)
-    answer = arrange(fields)
+    answer = lay_out(fields)
     if not answer.members:
         answer = Struct((), 8, 1, 8)
     text = f"{component.name} in {_layout_text(request)} out {_layout_text(answer)}"

@@ -8,7 +8,7 @@ import pytest
 
 from soter.core import core
 from soter.core.core_walks import walk
-from soter.core.lower_expressions import index_components, rebuild, select
+from soter.core.lower_expressions import positions_and_types, rebuild, select
 from soter.language.model.types import BOOL, FLOAT, INT, ArrayType, RecordType
 
 if TYPE_CHECKING:
@@ -148,7 +148,7 @@ PLACE = RecordType((("at", ArrayType(FLOAT, 2)), ("turn", FLOAT)), "Place")
 
 
 def test_leaves_are_selected_and_put_together_again() -> None:
-    paths = [path for path, _ in index_components(PLACE)]
+    paths = [path for path, _ in positions_and_types(PLACE)]
     assert paths == [(0, 0), (0, 1), (1,)]
     variable = core.Var(PLACE, "p")
     copy = rebuild(PLACE, lambda path: select(variable, path))

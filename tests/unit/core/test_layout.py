@@ -20,10 +20,10 @@ from soter.core.layout import (
     MODULE,
     PROPERTY,
     Fixed,
-    arrange,
     decode_from,
     encode_into,
     group_field,
+    lay_out,
     numpy_dtype,
     scalar,
     size_of,
@@ -154,10 +154,10 @@ def test_fields_are_ordered_by_alignment_then_as_declared_and_padded_at_the_end(
 
 
 def test_a_struct_may_ask_for_more_alignment() -> None:
-    assert arrange((("a", BYTE),)).size == 1
-    aligned = arrange((("a", BYTE),), minimum_align=8)
+    assert lay_out((("a", BYTE),)).size == 1
+    aligned = lay_out((("a", BYTE),), minimum_align=8)
     assert (aligned.size, aligned.align, aligned.padding) == (8, 8, 7)
-    assert arrange((), minimum_align=8).size == 0
+    assert lay_out((), minimum_align=8).size == 0
 
 
 TYPES: list[Type] = [

@@ -99,10 +99,10 @@ def test_the_smallest_int_has_no_opposite(operation: Callable[[int], int]) -> No
 
 
 def test_narrow_lets_the_bounds_pass_and_nothing_beyond() -> None:
-    assert arithmetic.narrow(0, 0, 9) == 0
-    assert arithmetic.narrow(9, 0, 9) == 9
-    assert fault_of(lambda: arithmetic.narrow(10, 0, 9)) is FaultKind.OVERFLOW
-    assert fault_of(lambda: arithmetic.narrow(-1, 0, 9)) is FaultKind.OVERFLOW
+    assert arithmetic.require_in_range(0, 0, 9) == 0
+    assert arithmetic.require_in_range(9, 0, 9) == 9
+    assert fault_of(lambda: arithmetic.require_in_range(10, 0, 9)) is FaultKind.OVERFLOW
+    assert fault_of(lambda: arithmetic.require_in_range(-1, 0, 9)) is FaultKind.OVERFLOW
 
 
 # ---------------------------------------------------------------- float

@@ -20,7 +20,7 @@ from soter.api import load
 from soter.diagnostics.diagnostic import SoterError
 from soter.mapping.read_mapping import make_log_map, read_mapping
 from soter.mapping.topic_mapping import SourcePromise, SourceTurns
-from soter.mapping.topic_mapping_parser import early_turns
+from soter.mapping.topic_mapping_parser import problems_of_early_turns
 from soter.targets.bridge_base import bridged_topics, maps_by_topic, promise_lines
 from soter.targets.ros_packages import TOPIC
 from tables import all_rows
@@ -186,7 +186,7 @@ def test_three_sources_are_refused_where_a_pattern_makes_one_take_over_too_early
     refused = []
     for after in range(1, before[1].oldest_ns + 2):
         promises = (*before, SourcePromise(2, 1, 0, after_ns=after))
-        refused.append(bool(list(early_turns("t", promises))))
+        refused.append(bool(list(problems_of_early_turns("t", promises))))
         assert refused[-1] is any(taken_early(promises, samples) for samples in arrivals)
     assert refused[-3:] == [True, False, False], "from the second's `oldest_ns` on"
 
@@ -200,7 +200,7 @@ def test_no_source_takes_over_too_early_from_any_of_several_at_random() -> None:
             after = max(p.oldest_ns for p in promises)
             given = draw.randint(1, 4), draw.randint(0, 3)
             promises.append(SourcePromise(rank, *given, after_ns=after))
-        assert not list(early_turns("t", promises))
+        assert not list(problems_of_early_turns("t", promises))
         samples = [s for p in promises for s in drawn(draw, p, 60)]
         assert not taken_early(promises, samples), (promises, samples)
         last = promises[-1]

@@ -31,7 +31,7 @@ from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import SoterError, mistake
 from soter.diagnostics.system_texts import reason
 from soter.language.front_end import system_to_prove
-from soter.language.load.named_files import opened
+from soter.language.load.named_files import open_finite_file
 from soter.native.cache import SOTER, files_below, soter_sha256
 from soter.native.compiler import compiler_version, find_compiler
 from soter.native.shared_library import library_flags
@@ -198,7 +198,7 @@ def file_hash(path: Path) -> str:
     """SHA-256 of a file; SoterError D006 if it cannot be read."""
     try:
         digest = hashlib.sha256()
-        with opened(path, pipes=False) as file:
+        with open_finite_file(path, pipes=False) as file:
             while part := file.read(2**20):
                 digest.update(part)
         return digest.hexdigest()

@@ -28,7 +28,7 @@ from soter.certificate.reading.module_facts import DiffersError, driven_topics
 from soter.certificate.reading.supported_constructs import code_parts
 from soter.certificate.report import NotRecheckedError
 from soter.language.model import typed
-from soter.language.model.system import holder_of
+from soter.language.model.system import name_of_subsystem
 from soter.language.model.types import leaves
 
 if TYPE_CHECKING:
@@ -307,7 +307,7 @@ class NodeWays(Ways):
 
     def _names_of_node(self, c: Component) -> list[str]:
         """The names by which the `verify` block may call a node."""
-        home = holder_of(self.module)
+        home = name_of_subsystem(self.module)
         return [c.name, c.name.removeprefix(f"{home}.") if home else c.name]
 
     def _is_in_proof(self, c: Component) -> bool:

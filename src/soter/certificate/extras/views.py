@@ -28,7 +28,7 @@ from soter.language.elaborate.passes.flattening import Flattening
 from soter.language.elaborate.views_for_proofs import start_of_proof_plant
 from soter.language.model import typed
 from soter.language.model.assumption_words import in_words
-from soter.language.model.system import holder_of
+from soter.language.model.system import name_of_subsystem
 from soter.language.model.tree_walk import nodes, rewritten, topic_reads
 from soter.language.model.types import BOOL
 
@@ -253,7 +253,7 @@ def require_same_as_flown(facts: Facts) -> None:
 
 def require_abstracted_sensors(facts: Facts, topics: set[int]) -> None:
     """DiffersError unless each topic comes from the plant whose abstraction drives it."""
-    outer = holder_of(facts.flying_module)
+    outer = name_of_subsystem(facts.flying_module)
     driven = driven_topics(facts)
     for index in topics:
         model = driven[index][0].name

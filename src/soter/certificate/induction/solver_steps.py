@@ -42,7 +42,7 @@ from soter.certificate.reading.symbolic_values import in_range, is_known, scalar
 from soter.certificate.report import NotRecheckedError
 from soter.language.evaluate import arithmetic
 from soter.language.evaluate.arithmetic import StepFault
-from soter.language.evaluate.predicates import operands_in
+from soter.language.evaluate.predicates import operands_compared_by
 from soter.language.model import typed
 from soter.language.model.types import BOOL, ArrayType, BoolType, FloatType, ListType
 
@@ -147,7 +147,7 @@ class SolverOperations:
     def narrow(self, x: Term, low: int, high: int) -> Term:
         """`x`, where the step faults unless it lies between `low` and `high`."""
         if is_known(x):
-            return arithmetic.narrow(x, low, high)
+            return arithmetic.require_in_range(x, low, high)
         self.add_obligation(both(x >= low, x <= high))
         return x
 
@@ -351,7 +351,7 @@ class SolverReading(CodeReader):
         facts = self.sight.facts
         params = sorted((p.name, repr(v)) for p, v in self.sight.scope.params.items())
         name = f"fun {fun.name} {id(fun)} {params}"
-        nan = " or compares a NaN" if self.looked_at & operands_in(fun) else ""
+        nan = " or compares a NaN" if self.looked_at & operands_compared_by(fun) else ""
         pairs = zip(fun.parameters, arguments, strict=True)
         values = [value_as_terms(p.type, x, facts) for p, x in pairs]
         self.operations.add_doubt(unread_result(f"{name} faults{nan}", values, BOOL, facts))

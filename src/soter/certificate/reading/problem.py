@@ -30,7 +30,7 @@ from soter.certificate.reading.module_times import read_times
 from soter.certificate.reading.symbolic_values import scalar_leaves
 from soter.certificate.report import NotRecheckedError
 from soter.language.model import typed
-from soter.language.model.system import holder_of
+from soter.language.model.system import name_of_subsystem
 from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import BoolType, EnumType, FloatType, IntType, leaf_name, leaves
 
@@ -99,7 +99,7 @@ def _plants_of(system: System, module: Module) -> tuple[Component, ...]:
     axes = [a for group in module.symbol.verify.groups for a in group.axes]
     for scope in (module.scope.topics, sc.scope.topics):
         wanted |= {scope[a.topic] for a in axes if a.topic is not None and a.topic in scope}
-    home = holder_of(module)
+    home = name_of_subsystem(module)
     names = {f"{home}.{a.instance}" if home else a.instance for a in axes if a.instance}
     return tuple(c for c in system.components if _is_wanted(c, names, wanted))
 

@@ -294,7 +294,7 @@ class Operations:
     def narrow(self, x: Value, low: Value, high: Value) -> Value:
         """`x`, with the obligation that it lies between `low` and `high`."""
         if not isinstance(x, Linear):
-            return arith.narrow(x, low, high)
+            return arith.require_in_range(x, low, high)
         for short in (((ONE, x),), exact(-low)), (((-ONE, x),), exact(high)):
             self.terms.add_obligation(negation(self.terms.below_zero(self.terms.combine(*short))))
         return x

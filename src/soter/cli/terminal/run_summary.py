@@ -220,7 +220,7 @@ def _fault_lines(run: Run, console: Console) -> Iterator[str]:
         if message:
             yield console.paint("muted", f"    {message}")
         binding = binding_of(run.externs.get(name, ""))
-        if of.last == "range" and binding and binding.kind == "onnx" and not binding.clips:
+        if of.last == "range" and binding and binding.kind == "onnx" and not binding.is_clipped:
             clipped = f"{binding}{',' if binding.name else ':'}{CLIP}"
             yield console.paint("muted", f"    `{clipped}` puts answers at the ends of their sets")
 

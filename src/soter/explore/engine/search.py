@@ -38,7 +38,7 @@ from soter.explore.search_options import SAMPLING, SearchProgress
 from soter.explore.trace import ENDING, STEP_KINDS, Choice, Step
 from soter.language.model.types import IntType, leaves
 from soter.semantics.configuration import AC, SC
-from soter.semantics.draws import fnv1a_64, leaf_name
+from soter.semantics.draws import fnv1a_64, stream_of_leaf
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -324,7 +324,7 @@ class Search:
             low, high = (-math.inf, math.inf) if bound is None else (bound.low, bound.high)
             if isinstance(leaf_type, IntType):
                 low, high = max(low, leaf_type.low), min(high, leaf_type.high)
-            yield CoveredLeaf(leaf_name(topic.name, path), leaf_type, low, high)
+            yield CoveredLeaf(stream_of_leaf(topic.name, path), leaf_type, low, high)
 
 
 def _sum_of_searches(searches: list[Searched]) -> Searched:
@@ -363,9 +363,9 @@ def _choice_streams(system: System) -> Iterator[str]:
             if span is not None and component.plant is not None:
                 state = component.plant.states[number]
                 for path, _ in leaves(state.type):
-                    yield leaf_name(f"{component.name}.{state.name}.start", path)
+                    yield stream_of_leaf(f"{component.name}.{state.name}.start", path)
     for drive in system.inputs:
         topic = system.topics[drive.topic]
         yield INPUT + topic.name
         for path, _ in leaves(topic.type):
-            yield leaf_name(INPUT + topic.name, path)
+            yield stream_of_leaf(INPUT + topic.name, path)

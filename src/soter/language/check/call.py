@@ -63,7 +63,9 @@ ARITY = {"min": 2, "max": 2, "dot": 2, "saturate": 2}
 class CallChecker(FieldChecker):
     """The part of the expression checker for calls."""
 
-    def call(self, expr: tree.CallExpr, context: Context, expected: Type | None) -> typed.TypedExpr:
+    def check_call(
+        self, expr: tree.CallExpr, context: Context, expected: Type | None
+    ) -> typed.TypedExpr:
         """Checks `callee(arguments)`."""
         callee = expr.callee
         if isinstance(callee, tree.NameExpr):
@@ -100,7 +102,7 @@ class CallChecker(FieldChecker):
         fun = self.shared.resolve(entry, expr.callee.span)
         if not isinstance(fun, typed.FunSymbol):
             return self._error_result(expr, context)
-        return self._check_fun(fun, expr, context)
+        return self._check_function_call(fun, expr, context)
 
     def _refuse_unnamed(
         self, expr: tree.CallExpr, context: Context, expected: Type | None
@@ -124,7 +126,7 @@ class CallChecker(FieldChecker):
         return self._error_result(expr, context)
 
     def _error_result(self, expr: tree.CallExpr, context: Context) -> typed.TypedExpr:
-        """Gives an ERROR expression, after a check of the arguments for errors of their own."""
+        """Checks the arguments for errors of their own, and gives an ERROR expression."""
         for argument in expr.arguments:
             self.check(argument, context)
         return error_expr(expr.span)
@@ -161,7 +163,7 @@ class CallChecker(FieldChecker):
         return helps
 
     def _similar_help(self, name: str, context: Context) -> tuple[Help, ...]:
-        """Help with a function of a similar name that takes another number of arguments."""
+        """Gives help with a function of a similar name that takes another number of arguments."""
         public = (n for n in (*context.scope.entries, *self.names.prelude) if n[0] != "_")
         near = likely(name, [n for n in public if self._arity_of(n, context) is not None])
         entry = context.scope.entries.get(near or "") or self.names.prelude.get(near or "")
@@ -171,7 +173,7 @@ class CallChecker(FieldChecker):
         return (f"there is `{near}({parameters})`",)
 
     def _arity_of(self, name: str, context: Context) -> int | None:
-        """How many arguments the function of this name takes; None if there is none."""
+        """Gives how many arguments the function of this name takes; None if no function has it."""
         if name in TAKES:
             return ARITY.get(name, 1)
         entry = context.scope.entries.get(name) or self.names.prelude.get(name)
@@ -207,7 +209,7 @@ class CallChecker(FieldChecker):
     def _refuse_type(self, entry: Entry, expr: tree.CallExpr) -> typed.TypedExpr:
         """Reports T004 for `Vec2(1.0, 2.0)`, with the literal as help."""
         symbol = self.shared.resolve(entry, expr.callee.span)
-        return self.wrong(
+        return self.refuse(
             "T004",
             f"`{expr.callee.span.text}` is a type, not a function",
             expr.callee.span,
@@ -216,15 +218,15 @@ class CallChecker(FieldChecker):
         )
 
     def _value_helps(self, expr: tree.CallExpr, context: Context) -> tuple[Help, ...]:
-        """Helps with the value alone, or an element of it; () if the name is no value here."""
+        """Gives helps to drop the brackets after a value, or to index it; () if it is no value."""
         with self.diagnostics.trial() as sound:
-            value = self.container(expr.callee, context)
+            value = self.check_in_place(expr.callee, context)
         return call_hints.value_call_helps(value, expr) if sound() and not has_error(value) else ()
 
-    def _check_fun(
+    def _check_function_call(
         self, fun: typed.FunSymbol, expr: tree.CallExpr, context: Context
     ) -> typed.TypedExpr:
-        self.shared.calls.call(fun, expr.span)
+        self.shared.calls.note_call(fun, expr.span)
         if len(expr.arguments) != len(fun.parameters) and fun in self.shared.damaged:
             self.names.losses += 1
             return self._error_result(expr, context)
@@ -243,7 +245,7 @@ class CallChecker(FieldChecker):
             for a, p in zip(expr.arguments, fun.parameters, strict=True)
         ]
         if isinstance(fun.result, ErrorType):
-            return self.lost(expr.span)
+            return self.lost_expr(expr.span)
         if has_error(*arguments):
             return error_expr(expr.span)
         return typed.TypedCall(fun.result, expr.span, fun, tuple(arguments))
@@ -264,7 +266,7 @@ class CallChecker(FieldChecker):
         if not self._count_fits(name, expr, arity, context):
             return self._error_result(expr, context)
         hint = _argument_hint(name, expected)
-        arguments = [self.dispatch(a, context, hint) for a in expr.arguments]
+        arguments = [self.check_unconverted(a, context, hint) for a in expr.arguments]
         if has_error(*arguments):
             return error_expr(span)
         if arity == 2:
@@ -304,7 +306,7 @@ class CallChecker(FieldChecker):
         helps: tuple[Help, ...] = (replace(expr.callee.span, "clamp"),) if a_range else ()
         if a_range:
             with self.diagnostics.trial() as sound:
-                value = self.dispatch(expr.arguments[0], context, None)
+                value = self.check_unconverted(expr.arguments[0], context, None)
             if sound() and is_vector(value.type):
                 first, _, high = (a.span.text for a in expr.arguments)
                 helps = (replace(expr.span, f"saturate({first}, {high})"),)
@@ -331,7 +333,7 @@ class CallChecker(FieldChecker):
             helps = ("convert the int: `float(...)`",)
         elif name in {"sqrt", "floor"} and kinds == {IntType}:
             helps = (f"convert the int: `{name}(float(...))`",)
-        return self.wrong(
+        return self.refuse(
             "T002",
             f"`{name}` does not apply to {shown}",
             expr.span,
@@ -355,7 +357,7 @@ class CallChecker(FieldChecker):
                 return error_expr(span)
             if isinstance(read, typed.TopicRead):
                 return typed.AgeRead(FLOAT, span, read.topic)
-            return self.wrong(
+            return self.refuse(
                 "T002",
                 "`age` takes a topic",
                 argument.span,
@@ -364,20 +366,20 @@ class CallChecker(FieldChecker):
                 whole=span,
             )
         if not context.has_modes:
-            return self.wrong(
+            return self.refuse(
                 "T013",
                 f"`{name}` has no meaning in {context.where}",
                 span,
                 notes=(f"only nodes, modules and properties see the {name} of a module",),
             )
-        module = self._module_asked(argument, context, name)
+        module = self._module_of_argument(argument, context, name)
         if module is None:
             return error_expr(span)
         if name == "margin":
             return typed.MarginRead(FLOAT, span, module)
         return typed.ModeRead(MODE, span, module)
 
-    def _module_asked(
+    def _module_of_argument(
         self, argument: tree.SyntaxExpr, context: Context, asked: str
     ) -> typed.ModuleSymbol | str | None:
         names = flat_names(argument)
@@ -401,7 +403,7 @@ class CallChecker(FieldChecker):
     def _declared_module(
         self, names: Sequence[tree.Name], argument: tree.SyntaxExpr, context: Context, asked: str
     ) -> typed.ModuleSymbol | None:
-        """The module that these names mean; None after a report."""
+        """Gives the module that these names mean; None after a report."""
         ref = tree.Ref(names[0] if len(names) > 1 else None, names[-1], argument.span)
         entry = self.names.find_ref(context.scope, ref)
         if entry is None:
@@ -409,7 +411,7 @@ class CallChecker(FieldChecker):
         symbol = self.shared.resolve(entry, argument.span)
         if entry.kind == "module":
             return symbol if isinstance(symbol, typed.ModuleSymbol) else None
-        helps = entry.instead("module", argument.span)
+        helps = entry.helps_for_other_kind("module", argument.span)
         self._refuse_module(asked, argument.span, f"a {entry.kind}", helps)
         return None
 
@@ -436,7 +438,7 @@ _CONVERSIONS: dict[str, tuple[Type, tuple[type[Type], ...]]] = {
 
 
 def _result_type(name: str, arguments: list[typed.TypedExpr]) -> Type | None:
-    """The result type of a builtin, None if it does not apply; may convert literals in place."""
+    """Gives the result type of a builtin or None; int literals of `arguments` may become floats."""
     first = arguments[0].type
     if name in {"sqrt", "floor"}:
         as_float = float_literal(arguments[0])
@@ -456,7 +458,7 @@ def _result_type(name: str, arguments: list[typed.TypedExpr]) -> Type | None:
 
 
 def _saturate_type(arguments: list[typed.TypedExpr]) -> Type | None:
-    """The result type of `saturate`, None if it does not apply; may convert its bound in place."""
+    """Gives the result type of `saturate` or None; an int literal as its bound becomes a float."""
     first = arguments[0].type
     bound = float_literal(arguments[1]) or arguments[1]
     if isinstance(bound.type, FloatType) and (is_vector(first) or isinstance(first, FloatType)):
@@ -466,6 +468,6 @@ def _saturate_type(arguments: list[typed.TypedExpr]) -> Type | None:
 
 
 def _argument_hint(name: str, expected: Type | None) -> Type | None:
-    """Gives the type that literals among a builtin's arguments are expected to have."""
+    """Gives FLOAT if int literals among a builtin's arguments are meant as floats, or None."""
     keeps = isinstance(expected, FloatType) and name in {"abs", "min", "max"}
     return FLOAT if keeps or name in {"sqrt", "floor"} else None

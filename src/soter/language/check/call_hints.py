@@ -36,7 +36,7 @@ ELEMENTS_MAX = 16
 def value_call_helps(
     value: typed.TypedExpr, expr: tree.CallExpr, subject: str = "it is"
 ) -> tuple[Help, ...]:
-    """Helps for `rays(1)` and `speed()`: brackets, or the name alone."""
+    """Gives helps for a value called as a function, `rays(1)`: brackets, or the name alone."""
     text = expr.callee.span.text
     if isinstance(value.type, (ArrayType, ListType)) and len(expr.arguments) == 1:
         index = expr.arguments[0]
@@ -78,7 +78,7 @@ def _value_by_field(
 
 
 def _field_and_value(argument: tree.SyntaxExpr, names: Sequence[str]) -> tuple[str, str] | None:
-    """Field and value of an argument `lamp=x`, parsed as a comparison; ("", x) for `x` alone."""
+    """Gives field and value of an argument `lamp=x`, parsed as `==`; ("", "x") for `x` alone."""
     if not isinstance(argument, tree.BinaryExpr) or argument.op != "==":
         return "", argument.span.text
     name = argument.left
@@ -88,7 +88,7 @@ def _field_and_value(argument: tree.SyntaxExpr, names: Sequence[str]) -> tuple[s
 
 
 def chance_helps(name: str, expr: tree.CallExpr, context: Context) -> tuple[Help, ...]:
-    """Helps for `randint(0, 1)`, `np.random.uniform(-a, a)`: a choice or a disturbance."""
+    """Gives helps for `randint(0, 1)`, `np.random.uniform(-a, a)`: a choice or a disturbance."""
     if name not in RANDOM:
         return ()
     bounds = [a.span.text for a in expr.arguments[:2]] if len(expr.arguments) == 2 else []
@@ -115,7 +115,7 @@ def _is_int(e: tree.SyntaxExpr) -> bool:
 
 
 def literal_helps(name: str, expr: tree.CallExpr, expected: Type | None) -> tuple[Help, ...]:
-    """Helps for `zeros(3)` and `np.array([1.0, 2.0])`: a literal."""
+    """Gives helps with a literal for calls that make arrays: `zeros(3)`, `np.array([1.0, 2.0])`."""
     arguments = expr.arguments
     if name in WRAPPED and len(arguments) == 1:
         return (replace(expr.span, arguments[0].span.text),)
@@ -131,7 +131,7 @@ def literal_helps(name: str, expr: tree.CallExpr, expected: Type | None) -> tupl
 
 
 def filled_literal(of: Type, value: str) -> str:
-    """A literal of a type made of floats, each of them `value`; "" for other types."""
+    """Gives the literal of a type made of floats, each of them `value`; "" for other types."""
     if isinstance(of, FloatType):
         return value
     if isinstance(of, ArrayType) and of.size <= ELEMENTS_MAX:
@@ -145,13 +145,13 @@ def filled_literal(of: Type, value: str) -> str:
 
 
 def function_help(name: str, expr: tree.CallExpr, target: Span) -> tuple[Help, ...]:
-    """Help that writes a method as a function: `norm(v)` for `v.norm()`."""
+    """Gives help that writes a method as a function: `norm(v)` for `v.norm()`."""
     arguments = [target.text, *(a.span.text for a in expr.arguments)]
     return (replace(expr.span, f"{name}({', '.join(arguments)})"),)
 
 
 def foreign_helps(name: str, expr: tree.CallExpr) -> tuple[Help, ...]:
-    """Helps for functions of other languages: `round(x)`, `ceil(x)`, `sum(xs)`."""
+    """Gives helps for functions that other languages have: `round(x)`, `ceil(x)`, `sum(xs)`."""
     if name in ("mod", "fmod", "rem") and len(expr.arguments) == 2:
         a, b = (x.span.text for x in expr.arguments)
         return (replace(expr.span, f"({a}) % {b}"),)
@@ -177,7 +177,7 @@ ITSELF = frozenset(
 
 
 def nested_help(name: str, expr: tree.CallExpr) -> Help:
-    """Help that nests a call with too many arguments: `max(a, max(b, c))`."""
+    """Gives help that nests a call with too many arguments: `max(a, max(b, c))`."""
     *rest, whole = [a.span.text for a in expr.arguments]
     for text in reversed(rest):
         whole = f"{name}({text}, {whole})"

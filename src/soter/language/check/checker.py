@@ -41,7 +41,7 @@ class Checker:
         self.declarations = DeclChecker(self, constants)
         self.resolve_type = TypeChecker(self).check
         self.check_expr = expressions.check
-        self.check_block = StmtChecker(self, expressions).block
+        self.check_block = StmtChecker(self, expressions).check_block
         self.constant = constants.constant
         self.evaluate = constants.value
         self.number = constants.number
@@ -60,8 +60,8 @@ class Checker:
 
     # ------------------------------------------------------------ the whole
 
-    def run(self) -> typed.TypedProgram:
-        """Checks everything; the program that it returns is only meaningful without errors."""
+    def check_program(self) -> typed.TypedProgram:
+        """Checks all declarations and gives the program, which has gaps if there were errors."""
         for prelude in self.loaded.prelude:
             self.names.add_prelude(prelude)
         main = self.names.add_program(self.loaded.main)
@@ -111,12 +111,12 @@ class Checker:
     # ------------------------------------------------------------ damage
 
     def mark(self) -> tuple[int, int]:
-        """Gives counts of errors and of losses: they grow if the checked declaration is damaged."""
+        """Gives counts of errors and of losses; a declaration is damaged if they grow meanwhile."""
         errors, losses = self._absorbed
         return self.diagnostics.error_count - errors, self.names.losses - losses
 
     def absorb(self, mark: tuple[int, int]) -> None:
-        """Does not count errors and losses since `mark`: they belong to another declaration."""
+        """Leaves errors and losses since `mark` out of the counts: another declaration has them."""
         now = self.mark()
         self._absorbed[0] += now[0] - mark[0]
         self._absorbed[1] += now[1] - mark[1]
@@ -124,7 +124,7 @@ class Checker:
     # ------------------------------------------------------------ resolution on demand
 
     def resolve(self, entry: Entry, span: Span, *, use: bool = True) -> object:
-        """The symbol of a declaration, resolved if need be; None after an error (T012: cycle)."""
+        """Gives the symbol of a declaration, checked now if need be; None after an error."""
         if use:
             entry.used = True
         if entry.state == "resolving":
@@ -140,7 +140,7 @@ class Checker:
         self._resolving.append(entry)
         outer, self.calls.current = self.calls.current, None
         mark = self.mark()
-        symbol = self.declarations.symbol(entry)
+        symbol = self.declarations.checked_symbol(entry)
         if symbol is not None and (
             self.mark() != mark or entry.decl.name.text in entry.scope.broken
         ):
@@ -175,10 +175,10 @@ class Checker:
 
     # ------------------------------------------------------------ topics of sub-systems
 
-    def stand_in(
+    def topic_of_instance(
         self, system: typed.SystemSymbol, prefix: list[str], topic: typed.TopicSymbol, span: Span
     ) -> typed.TopicSymbol:
-        """The symbol that means a topic of a sub-system instance, one for each path."""
+        """The symbol for a topic of the sub-system instance at `prefix`, always the same one."""
         key = (id(system), tuple(prefix), id(topic))
         known = self._known_stand_ins.get(key)
         if known is None:
@@ -216,7 +216,7 @@ def _register_symbol(program: typed.TypedProgram, entry: Entry) -> None:
 
 def check(loaded: LoadedProgram, diagnostics: Diagnostics) -> typed.TypedProgram:
     """Checks a loaded program; errors go into `diagnostics`."""
-    return Checker(loaded, diagnostics).run()
+    return Checker(loaded, diagnostics).check_program()
 
 
 __all__ = ["Checker", "check"]

@@ -50,7 +50,7 @@ CHAINING = {"type", "constant", "parameter", "function", "system"}
 
 
 def in_order_of_need(entries: list[Entry], names: Names) -> tuple[list[Entry], list[Circle]]:
-    """Gives the entries, each after those that it mentions, and circles that prevent this.
+    """Gives the entries, each after those that it mentions, and the circles among them.
 
     A function may mention its own locals by such a name, so the checker reports circles through
     functions.
@@ -88,10 +88,10 @@ def in_order_of_need(entries: list[Entry], names: Names) -> tuple[list[Entry], l
 
 
 def _chained_entries(entry: Entry, names: Names) -> Iterator[tuple[Entry, Span]]:
-    """Yields entries that a declaration mentions and that may lead to a long chain, with place."""
+    """Yields the entries that a declaration mentions, with the place, if they may mention more."""
     if entry.kind not in CHAINING:
         return
-    for qualifier, name, span in mentioned(entry.decl):
+    for qualifier, name, span in names_mentioned(entry.decl):
         scope = entry.scope if qualifier is None else entry.scope.imports.get(qualifier)
         dependency = scope.entries.get(name) if scope is not None else None
         if dependency is None and qualifier is None:
@@ -104,8 +104,8 @@ def _chained_entries(entry: Entry, names: Names) -> Iterator[tuple[Entry, Span]]
             yield dependency, span
 
 
-def mentioned(root: object) -> Iterator[tuple[str | None, str, Span]]:
-    """Yields `(qualifier, name, place)` of all names in a piece of syntax that may be declared."""
+def names_mentioned(root: object) -> Iterator[tuple[str | None, str, Span]]:
+    """Yields qualifier, name and place of each name in a piece of syntax that may be declared."""
     todo = [root]
     while todo:
         node = todo.pop()
@@ -143,7 +143,7 @@ class CallGraph:
 
     # ------------------------------------------------------------ bodies
 
-    def add(self, fun: FunSymbol, decl: tree.FunDecl, scope: FileScope) -> None:
+    def add_body(self, fun: FunSymbol, decl: tree.FunDecl, scope: FileScope) -> None:
         """Notes a body to be checked later; bodies of the prelude are only checked if called."""
         (self._lazy if scope.loaded.prelude else self._unchecked)[fun] = (decl, scope)
 
@@ -151,7 +151,7 @@ class CallGraph:
         """Notes that a function's declaration has an error, so that no constant may call it."""
         self._broken.add(fun)
 
-    def call(self, fun: FunSymbol, span: Span) -> None:
+    def note_call(self, fun: FunSymbol, span: Span) -> None:
         """Notes a call in the current body; the callee's body will be checked, too."""
         if self.current is not None:
             self._calls.setdefault(self.current, []).append((fun, span))
@@ -175,7 +175,7 @@ class CallGraph:
         self.current = outer
 
     def check_bodies(self) -> bool:
-        """Checks every body that is still waiting; returns whether there was one."""
+        """Checks all bodies that are still unchecked; gives whether there was one."""
         some = bool(self._unchecked)
         while self._unchecked:
             self.check_body(next(iter(self._unchecked)))
@@ -196,17 +196,17 @@ class CallGraph:
                     todo.append(callee)
 
     def is_complete(self, fun: FunSymbol) -> bool:
-        """Whether the function and all it calls are free of errors and of recursion."""
+        """Whether the function and all functions it calls have neither errors nor recursion."""
         below = list(self._with_callees(fun))
         self._report_cycles(fun)
         return not any(f in self._broken or f in self._recursive for f in below)
 
-    def extern_below(self, fun: FunSymbol) -> FunSymbol | None:
-        """An extern function that a call would reach; None if there is none."""
+    def extern_called_by(self, fun: FunSymbol) -> FunSymbol | None:
+        """Gives an extern that the function calls, directly or not; None if it calls no extern."""
         return next((f for f in self._with_callees(fun) if f.extern), None)
 
-    def param_below(self, fun: FunSymbol) -> tuple[ParamSymbol, Span] | None:
-        """A parameter that a call would read, and where; None if there is none."""
+    def param_read_by(self, fun: FunSymbol) -> tuple[ParamSymbol, Span] | None:
+        """A parameter that the function or a callee reads, and where; None if they read none."""
         return next((self._params[f] for f in self._with_callees(fun) if f in self._params), None)
 
     # ------------------------------------------------------------ recursion
@@ -302,13 +302,13 @@ class UnusedDeclarations:
                 self.add("W001", f"import `{name.text}` is never used", name.span, "", whole)
 
     def report(self) -> None:
-        """Reports the warnings; beside errors they are left out (HUSHED, `front_end.py`)."""
+        """Reports the warnings that were kept; beside errors the front end leaves them out."""
         for code, message, span, label, help_ in self._waiting:
             self.diagnostics.warning(code, message, span, label, helps=(help_,) if help_ else ())
 
 
 def _rename_help(name: str, span: Span) -> Help:
-    """The edit that puts `_` before the name of an unused declaration, its only mention."""
+    """Gives the edit that puts `_` before the name of an unused declaration, its only mention."""
     return insert(span, "_", _unused_help(name))
 
 
@@ -372,7 +372,7 @@ class Context:
     """Topics read so far, in order of first use."""
 
     def find_local(self, name: str) -> Variable | None:
-        """The innermost local with this name, or None."""
+        """Gives the innermost local with this name, or None."""
         for frame in reversed(self.locals):
             if name in frame:
                 return frame[name]
@@ -384,7 +384,7 @@ class Context:
 
 
 class Shared(Protocol):
-    """One checking run, as its parts see it (`checker.py` implements it)."""
+    """What the checkers of one program ask each other (`checker.py` implements it)."""
 
     diagnostics: Diagnostics
     names: Names
@@ -396,13 +396,13 @@ class Shared(Protocol):
     lost: dict[typed.SystemSymbol, frozenset[str]]
     """System -> names of instances that could not be made."""
     stand_ins: dict[typed.TopicSymbol, tuple[tuple[str, ...], typed.TopicSymbol]]
-    """Symbol from `stand_in` -> the path to an instance of a system, and a topic in it."""
+    """Symbol from `topic_of_instance` -> the path to an instance of a system, and a topic in it."""
 
     def mark(self) -> tuple[int, int]:
         """Gives counts that grow if the declaration being checked turns out to be damaged."""
 
     def resolve(self, entry: Entry, span: Span, *, use: bool = True) -> object:
-        """The symbol of a declaration; None after an error (T012 for a cycle)."""
+        """Gives the symbol of a declaration; None after an error (T012 for a cycle)."""
 
     def check_later(self, symbol: object, decl: tree.Decl, scope: FileScope) -> None:
         """Notes a body to be checked once every signature is known; systems come last."""
@@ -416,7 +416,7 @@ class Shared(Protocol):
         duration: bool = False,
         table: bool = False,
     ) -> Type:
-        """The type that an expression means, ERROR after a report: `TypeChecker.check`."""
+        """Gives the type that an expression means, ERROR after a report: `TypeChecker.check`."""
 
     def check_expr(
         self,
@@ -425,10 +425,10 @@ class Shared(Protocol):
         expected: Type | None = None,
         because: Because | None = None,
     ) -> typed.TypedExpr:
-        """The typed expression: `ExprBase.check`."""
+        """Gives the typed expression: `ExprBase.check`."""
 
     def check_block(self, block: tree.Block, context: Context) -> tuple[typed.TypedStmt, ...]:
-        """The typed statements of a block, which gets a scope of its own."""
+        """Gives the typed statements of a block, which gets a scope of its own."""
 
     def constant(
         self,
@@ -439,10 +439,10 @@ class Shared(Protocol):
         around: Context | None = None,
         code: Code = "T008",
     ) -> Value | None:
-        """The value of a constant expression, or None after a report."""
+        """Gives the value of a constant expression, or None after a report."""
 
     def evaluate(self, checked: typed.TypedExpr, subject: str) -> Value | None:
-        """The value of a checked constant expression, or None after a report."""
+        """Gives the value of a checked constant expression, or None after a report."""
 
     def number(
         self,
@@ -452,20 +452,20 @@ class Shared(Protocol):
         subject: str,
         because: Because | None = None,
     ) -> typed.TypedExpr:
-        """An expression over constants and parameters, to be evaluated for each system."""
+        """Gives a typed expression over constants and parameters, evaluated for each system."""
 
     def topic_ref(self, ref: tree.Ref, scope: FileScope) -> typed.TopicSymbol | None:
-        """The topic that a reference means, or None after a report."""
+        """Gives the topic that a reference means, or None after a report."""
 
     def topic_path(
         self, path: tree.DottedPath, scope: FileScope
     ) -> tuple[typed.TopicSymbol, tuple[str, ...], Type] | None:
-        """`topic.field...`: the topic, the path below it and the type there."""
+        """Gives the topic of `topic.field...`, the path below it and the type there."""
 
     def topics_of(self, system: typed.SystemSymbol) -> list[typed.TopicSymbol]:
-        """The topics that stand beside the instances of a system, wires applied."""
+        """Gives the topics that an instance of the system has, without those it is wired to."""
 
-    def stand_in(
+    def topic_of_instance(
         self, system: typed.SystemSymbol, prefix: list[str], topic: typed.TopicSymbol, span: Span
     ) -> typed.TopicSymbol:
-        """The symbol that means a topic of a sub-system instance, one for each path."""
+        """The symbol for a topic of the sub-system instance at `prefix`, always the same one."""

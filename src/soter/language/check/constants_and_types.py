@@ -84,16 +84,16 @@ class Calculator:
         params: Mapping[typed.ParamSymbol, Value] | None = None,
         budgets: tuple[int, int] | None = None,
     ) -> None:
-        """`budgets`: most operations for one value and for all; by default those of a system."""
+        """Takes in `budgets` how many operations one value, and all together, may cost."""
         self.diagnostics = diagnostics
         self._most, self.left = budgets or (NUMBERS_BUDGET // 2, NUMBERS_BUDGET)
         self._all = self.left
         self._evaluator = Evaluator(params or {}, None, self.left)
 
-    def value_of(
+    def constant_value(
         self, name: str, expr: typed.TypedExpr, subject: str, known: dict[str, tuple[Value, int]]
     ) -> Value | None:
-        """The value of a declared constant: as `value`, or the `known` one at the same cost."""
+        """The value of a declared constant: the `known` one, at the cost it had, or `value`."""
         value, spent = known.get(name, (None, 0))
         if name in known and spent <= min(self.left, self._most):
             self.left -= spent
@@ -105,13 +105,13 @@ class Calculator:
         return value
 
     def value(self, expr: typed.TypedExpr, subject: str) -> Value | None:
-        """The value, or None after a report (T020) that begins with `subject`."""
+        """The value of an expression, or None after a report (T020) that begins with `subject`."""
         if isinstance(expr, typed.Literal):
             return expr.value
         if self.left <= 0:
             return None  # this was reported when the budget ran out
         allowed = min(self.left, self._most)
-        self._evaluator.allow(allowed)
+        self._evaluator.set_budget(allowed)
         self._evaluator.tell = lambda n: self.diagnostics.tell(
             f"{subject}: {n / MILLION:.0f} million operations"
         )
@@ -147,7 +147,7 @@ class Calculator:
 
 
 def declared_ns(module: Module, expr: typed.TypedExpr | None) -> int:
-    """A time of the `verify` block of a module in ns; 0 where it is not declared."""
+    """Gives a time of a module's `verify` block in ns; 0 if the block does not say it."""
     ns = Calculator(Diagnostics(), module.scope.params).value(expr, "a time") if expr else 0
     return ns if isinstance(ns, int) else 0
 
@@ -170,7 +170,7 @@ class ConstantChecker(CheckerPart):
         around: Context | None = None,
         code: Code = "T008",
     ) -> Value | None:
-        """The value of a constant expression, or None after a report.
+        """Gives the value of a constant expression, or None after a report.
 
         `around` is the place around it; a use of that place's locals is reported as `code`.
         """
@@ -181,17 +181,17 @@ class ConstantChecker(CheckerPart):
     def declared(
         self, decl: tree.ConstDecl, scope: FileScope, expected: Type, subject: str
     ) -> Value | None:
-        """The value of a declared constant, or None after a report."""
+        """Gives the value of a declared constant, or None after a report."""
         assert decl.value is not None
         context = Context(scope, subject, constant="T008")
         checked = self.shared.check_expr(decl.value, context, expected)
         if not self._is_computable(checked, subject):
             return None
         known = self._loaded.reading.constants(scope.loaded)
-        return self.calculator.value_of(decl.name.text, checked, subject, known)
+        return self.calculator.constant_value(decl.name.text, checked, subject, known)
 
     def value(self, checked: typed.TypedExpr, subject: str) -> Value | None:
-        """The value of a checked expression that reads no locals, topics or parameters; or None."""
+        """The value of an expression without locals, topics and parameters; None after a report."""
         return (
             self.calculator.value(checked, subject)
             if self._is_computable(checked, subject)
@@ -202,7 +202,7 @@ class ConstantChecker(CheckerPart):
         if isinstance(checked.type, ErrorType):
             self.shared.names.losses += 1
             return False
-        return self._is_callable(checked, subject)
+        return self._may_be_evaluated(checked, subject)
 
     def number(
         self,
@@ -212,22 +212,19 @@ class ConstantChecker(CheckerPart):
         subject: str,
         because: Because | None = None,
     ) -> typed.TypedExpr:
-        """An expression over constants and parameters, to be evaluated for each system.
-
-        It has type `expected`, or ERROR after a report.
-        """
+        """Gives the expression of a number, of type `expected`; ERROR after a report."""
         checked = self.shared.check_expr(expr, context, expected, because)
         if isinstance(checked.type, ErrorType):
             return checked
         sound = [self._is_sound(call, subject) for call in calls_in(checked)]
         return checked if all(sound) else error_expr(expr.span)
 
-    def _is_callable(self, checked: typed.TypedExpr, subject: str) -> bool:
+    def _may_be_evaluated(self, checked: typed.TypedExpr, subject: str) -> bool:
         """Whether every function that an expression calls can be run now; reports it if not."""
         for call in calls_in(checked):
             if not self._is_sound(call, subject):
                 return False
-            param = self.shared.calls.param_below(call.fun)
+            param = self.shared.calls.param_read_by(call.fun)
             if param is not None:
                 symbol, span = param
                 self.diagnostics.error(
@@ -242,12 +239,12 @@ class ConstantChecker(CheckerPart):
         return True
 
     def _is_sound(self, call: typed.TypedCall, subject: str) -> bool:
-        """Whether a function and all that it calls have no errors and are no externs."""
+        """Whether a function and its callees have no errors, and are no externs (T008)."""
         calls = self.shared.calls
         if not calls.is_complete(call.fun):
             self.shared.names.losses += 1
             return False
-        extern = calls.extern_below(call.fun)
+        extern = calls.extern_called_by(call.fun)
         if extern is not None:
             self.diagnostics.error(
                 "T008",
@@ -259,7 +256,7 @@ class ConstantChecker(CheckerPart):
         return extern is None
 
     def data_value(self, decl: tree.ConstDecl, t: Type, scope: FileScope) -> Value | None:
-        """The value of `data "file"`; None after a report, D001, D004 or D005."""
+        """The value in the file of `data "file"`; None after a report (D001, D004 or D005)."""
         assert decl.data is not None
         path = scope.loaded.path.parent / decl.data
         try:
@@ -314,10 +311,10 @@ class TypeChecker(CheckerPart):
         duration: bool = False,
         table: bool = False,
     ) -> Type:
-        """The type of an expression, ERROR after a report; `duration`: one is allowed (else T014).
+        """Gives the type that a type expression means, ERROR after a report.
 
-        `around` is the place around it, whose locals sizes cannot use. `table`: it is the type of
-        data, which is read in place, so an array or list may be large.
+        `duration` allows a duration (else T014). `around` is the place around the expression, whose
+        locals sizes cannot use. `table`: the type is of data, read in place, which may be large.
         """
         outer, self._around = self._around, around
         t = self._type_meant(expr, scope, TABLE_MAX if table else VALUE_MAX)
@@ -366,7 +363,7 @@ class TypeChecker(CheckerPart):
         return with_unit(t, expr.unit)
 
     def _limited_type(self, t: Type, expr: tree.TypeExpr, most: int) -> Type:
-        """The type, or a report of T011 if it has more than `most` scalars."""
+        """Gives the type, or ERROR and a report of T011 if it has more than `most` scalars."""
         count = 0 if isinstance(t, ErrorType) else leaf_count(t)
         if count <= most:
             return t

@@ -85,8 +85,8 @@ class DeclChecker(CheckerPart):
             tree.TestDecl: self.systems.check_test_body,
         }
 
-    def symbol(self, entry: Entry) -> object:
-        """The symbol of a declaration, or None if it has too many errors."""
+    def checked_symbol(self, entry: Entry) -> object:
+        """Gives the symbol of a declaration, or None if errors leave too little of it."""
         check = self._signatures.get(type(entry.decl))
         return None if check is None else check(entry.decl, entry.scope, entry.full_name)
 
@@ -157,7 +157,7 @@ class DeclChecker(CheckerPart):
             )
             return None
         if low and high and not low.value <= default.value <= high.value:
-            shown = [show(x.value, t) for x in (default, low, high)]
+            shown = [scalar_text(x.value, t) for x in (default, low, high)]
             self.diagnostics.error(
                 "V007",
                 f"{subject} is {shown[0]}, outside [{shown[1]}, {shown[2]}]",
@@ -170,7 +170,7 @@ class DeclChecker(CheckerPart):
     def _interval_ends(
         self, interval: tree.IntervalExpr | None, scope: FileScope, t: Type, subject: str
     ) -> tuple[typed.Literal, typed.Literal] | None:
-        """The ends of an interval of type `t`; None without one, or after a report."""
+        """Gives the ends of an interval of type `t`; None without one, or after a report."""
         if interval is None:
             return None
         if isinstance(t, (BoolType, EnumType)):
@@ -187,7 +187,7 @@ class DeclChecker(CheckerPart):
         """Whether an interval contains a value; reports V001 if not."""
         if low.value <= high.value:
             return True
-        shown = f"[{show(low.value, low.type)}, {show(high.value, high.type)}]"
+        shown = f"[{scalar_text(low.value, low.type)}, {scalar_text(high.value, high.type)}]"
         self.diagnostics.error(
             "V001",
             f"{shown} is empty",
@@ -217,7 +217,7 @@ class DeclChecker(CheckerPart):
                 )
                 continue
             parameters[name.text] = typed.Variable(name.text, t, "parameter", name.span)
-            self.shared.names.note(name.span, parameters[name.text])
+            self.shared.names.note_meaning(name.span, parameters[name.text])
         result = self.shared.resolve_type(decl.result, scope)
         body: tuple[typed.TypedStmt, ...] | None = None if decl.extern else ()
         check_binding(decl.source, decl.source_span, self.diagnostics)
@@ -232,7 +232,7 @@ class DeclChecker(CheckerPart):
             prelude=scope.loaded.prelude,
         )
         if decl.body is not None:
-            self.shared.calls.add(fun, decl, scope)
+            self.shared.calls.add_body(fun, decl, scope)
         return fun
 
     def check_fun_body(self, fun: typed.FunSymbol, decl: tree.FunDecl, scope: FileScope) -> None:
@@ -324,7 +324,7 @@ class DeclChecker(CheckerPart):
                 )
             else:
                 seen[name.text] = name.span
-                self.shared.names.note(name.span, FieldOf(t, name.text))
+                self.shared.names.note_meaning(name.span, FieldOf(t, name.text))
                 self._enter_value_set(inner, t.fields[index][1], (*path, name.text), out, context)
 
     def _range_set(
@@ -355,9 +355,9 @@ class DeclChecker(CheckerPart):
         helps: tuple[Help, ...] = (),
         otherwise: tuple[Help, ...] = (),
     ) -> typed.TopicSymbol | None:
-        """The topic that a reference means, or None after a report.
+        """Gives the topic that a reference means, or None after a report.
 
-        The report has `helps` if the name is no topic, `otherwise` if it means nothing at all.
+        The report has `helps` if the name is no topic, `otherwise` if no declaration has the name.
         """
         of = typed.TopicSymbol
         return self.referred_symbol(ref, scope, "topic", of, helps=helps, otherwise=otherwise)
@@ -365,7 +365,7 @@ class DeclChecker(CheckerPart):
     def topic_path(
         self, path: tree.DottedPath, scope: FileScope
     ) -> tuple[typed.TopicSymbol, tuple[str, ...], Type] | None:
-        """`topic.field...`: the topic, the path below it and the type there."""
+        """Gives the topic of `topic.field...`, the path below it and the type there."""
         parts = list(path.parts)
         first = parts.pop(0)
         ref = tree.Ref(None, tree.Name(first.text, first.word), first.word)
@@ -384,7 +384,7 @@ class DeclChecker(CheckerPart):
     # ------------------------------------------------------------ topics of systems
 
     def topics_of(self, system: typed.SystemSymbol) -> list[typed.TopicSymbol]:
-        """The topics that stand beside the instances of a system, wires applied."""
+        """Gives the topics that an instance of the system has, without those it is wired to."""
         if system not in self._topics:
             beside = topics_beside(system)
             self._topics[system] = [t for t in beside if t not in self.shared.stand_ins]
@@ -394,26 +394,26 @@ class DeclChecker(CheckerPart):
 def _no_topic_helps(
     path: tree.DottedPath, scope: FileScope
 ) -> tuple[tuple[Help, ...], tuple[Help, ...]]:
-    """The `helps` and `otherwise` of `topic_ref` for a path whose first name is no topic."""
+    """Gives `helps` and `otherwise` of `topic_ref` for a path whose first name is no topic."""
     first = scope.entries.get(path.parts[0].text)
     if first is not None and first.kind == "topic":
         return (), ()
     decls = [e.decl for e in scope.entries.values()]
-    driven = unknown_names.truth_as_topic(decls, list(path.parts)) if path.parts[1:] else None
+    driven = unknown_names.topic_of_truth(decls, list(path.parts)) if path.parts[1:] else None
     known = [d.name.text for d in decls if isinstance(d, tree.TopicDecl)]
     otherwise = (f"topics are {unknown_names.listed(known)}",) if known else ()
     return (replace(path.span, driven[0]),) if driven is not None else (), otherwise
 
 
-def show(value: Value, t: Type) -> str:
-    """A scalar as source text."""
+def scalar_text(value: Value, t: Type) -> str:
+    """Gives a scalar as source text."""
     if isinstance(t, DurationType):
         return write_ns(value)
     return f"{value!r}" if not isinstance(value, bool) else str(value).lower()
 
 
 def number_type(t: Type) -> Type | None:
-    """The one kind of number a type is made of (FLOAT or INT), or None."""
+    """Gives FLOAT or INT if all numbers in a type are of that kind; None if they differ."""
     if is_vector_part(t):
         return FLOAT
     if isinstance(t, IntType):

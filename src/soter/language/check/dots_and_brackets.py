@@ -42,7 +42,7 @@ NAMES_SHOWN = 12
 
 
 def flat_names(expr: tree.SyntaxExpr) -> list[tree.Name] | None:
-    """The names of a dotted chain `a.b.c`; None for any other expression."""
+    """Gives the names of a dotted chain `a.b.c`; None for any other expression."""
     names: list[tree.Name] = []
     while isinstance(expr, tree.FieldExpr):
         names.append(expr.field)
@@ -55,7 +55,7 @@ def flat_names(expr: tree.SyntaxExpr) -> list[tree.Name] | None:
 
 
 def listed(names: list[str] | tuple[str, ...]) -> str:
-    """The first few names, in backticks."""
+    """Gives the first few names in backticks, and how many more there are."""
     shown = ", ".join(f"`{n}`" for n in names[:NAMES_SHOWN])
     return shown + (f" and {len(names) - NAMES_SHOWN} more" if len(names) > NAMES_SHOWN else "")
 
@@ -63,21 +63,23 @@ def listed(names: list[str] | tuple[str, ...]) -> str:
 class FieldChecker(ExprBase):
     """The part of the expression checker for dots and brackets."""
 
-    def entry(self, entry: Entry, span: Span, context: Context) -> typed.TypedExpr:
-        """The typed expression for a declaration that is used as a value."""
+    def entry_value(self, entry: Entry, span: Span, context: Context) -> typed.TypedExpr:
+        """Gives the typed expression for a declaration that is used as a value."""
         raise NotImplementedError
 
     def topic_read(self, topic: typed.TopicSymbol, span: Span, context: Context) -> typed.TypedExpr:
-        """The typed read of a topic, if this place may read it."""
+        """Gives the typed read of a topic, or reports that this place may not read it."""
         raise NotImplementedError
 
     # ------------------------------------------------------------ dots
 
-    def field(self, expr: tree.FieldExpr, context: Context, _: Type | None) -> typed.TypedExpr:
+    def check_field(
+        self, expr: tree.FieldExpr, context: Context, _: Type | None
+    ) -> typed.TypedExpr:
         """Checks `target.field` in all its meanings."""
         names = flat_names(expr)
         if names is not None and names[0].text in context.lost:
-            return self.lost(expr.span)
+            return self.lost_expr(expr.span)
         if names is not None and context.find_local(names[0].text) is None:
             if context.instances is not None and names[0].text in context.instances:
                 return self._check_instance(expr.span, names, context)
@@ -90,7 +92,7 @@ class FieldChecker(ExprBase):
             typed_expr = typed_expr or self._check_below_name(expr, names, context)
             if typed_expr is not None:
                 return typed_expr
-        target = self.container(expr.target, context)
+        target = self.check_in_place(expr.target, context)
         if has_error(target):
             return error_expr(expr.span)
         return self._check_part(target, expr.field, expr.span)
@@ -98,14 +100,14 @@ class FieldChecker(ExprBase):
     def _measured_helps(
         self, expr: tree.FieldExpr, names: list[tree.Name], context: Context
     ) -> tuple[Help, ...]:
-        """Helps for `c.truth.x` outside of its system: the topic that the plant drives with x."""
+        """Gives helps for `c.truth.x` outside of a system: the topic by which the plant tells x."""
         decls = [e.decl for e in context.scope.entries.values()]
         if context.instances is not None and names[1].text == "truth":
             plants = [
                 n for n, i in context.instances.items() if isinstance(i.what, typed.PlantSymbol)
             ]
             return (replace(names[0].span, plants[0]),) if len(plants) == 1 else ()
-        meant = unknown_names.truth_as_topic(decls, names)
+        meant = unknown_names.topic_of_truth(decls, names)
         if meant is None or context.instances is not None or context.constant:
             return ()
         driven, plant = meant
@@ -132,7 +134,7 @@ class FieldChecker(ExprBase):
     def _constant_length(
         self, expr: tree.FieldExpr, names: list[tree.Name], context: Context
     ) -> typed.TypedExpr | None:
-        """`xs.len` of an array where only constants are allowed; None for anything else."""
+        """`xs.len` of an array where only constants are allowed; None for other expressions."""
         if context.hidden is None or expr.field.text != "len":
             return None
         local = context.hidden.find_local(names[0].text)
@@ -152,7 +154,8 @@ class FieldChecker(ExprBase):
         if first in scope.imports and first not in scope.entries:
             if len(names) == 2:
                 entry = self.names.find_in_import(scope, names[0], names[1])
-                return error_expr(expr.span) if not entry else self.entry(entry, expr.span, context)
+                at = expr.span
+                return error_expr(at) if not entry else self.entry_value(entry, at, context)
             child = scope.imports[first]
             entry = child.entries.get(names[1].text) if child is not None else None
             if len(names) == 3 and entry is not None and entry.kind == "type":
@@ -165,7 +168,7 @@ class FieldChecker(ExprBase):
         entry = scope.entries.get(first) or self.names.prelude.get(first)
         if entry is not None and entry.kind == "type":
             entry.used = True
-            self.names.note(names[0].span, entry)
+            self.names.note_meaning(names[0].span, entry)
             helps = self.value_helps(names[0], context)
             t = self.shared.resolve(entry, names[0].span)
             return self._check_member(t, names[1], expr.span, helps)
@@ -176,14 +179,14 @@ class FieldChecker(ExprBase):
         )
 
     def _check_part(self, target: typed.TypedExpr, name: tree.Name, span: Span) -> typed.TypedExpr:
-        """Checks a field of a value, or the length of a list."""
+        """Checks a field of a record, or `len` of a list or an array."""
         t = target.type
         helps: tuple[Help, ...] = ()
         notes: tuple[str, ...] = ()
         if isinstance(t, RecordType):
             index = t.index(name.text)
             if index is not None:
-                self.names.note(name.span, FieldOf(t, name.text))
+                self.names.note_meaning(name.span, FieldOf(t, name.text))
                 return typed.TypedField(t.fields[index][1], span, target, index)
             fields = [n for n, _ in t.fields]
             notes = (f"its fields are {listed(fields)}",)
@@ -198,7 +201,7 @@ class FieldChecker(ExprBase):
                 return typed.TypedLength(INT, span, target)
             if name.text in {"length", "size", "count"}:
                 helps = (replace(name.span, "len", "its length is `.len`"),)
-        return self.wrong(
+        return self.refuse(
             "N004",
             f"`{t}` has no field `{name.text}`",
             name.span,
@@ -221,7 +224,7 @@ class FieldChecker(ExprBase):
                 helps=helps,
             )
         elif name.text in t.members:
-            self.names.note(name.span, FieldOf(t, name.text))
+            self.names.note_meaning(name.span, FieldOf(t, name.text))
             return typed.Literal(t, span, t.members.index(name.text), f"{t.name}.{name.text}")
         else:
             self.diagnostics.error(
@@ -247,16 +250,16 @@ class FieldChecker(ExprBase):
             return self.refuse_instance(symbol, path, span)
         if isinstance(symbol, typed.PlantSymbol) and rest[0].text == "truth":
             if symbol in self.shared.damaged and symbol.truth.index(rest[-1].text) is None:
-                return self.lost(span)
+                return self.lost_expr(span)
             value: typed.TypedExpr = typed.TruthRead(symbol.truth, span, path)
-            return self._check_parts(value, rest[1:], span)
+            return self._check_fields(value, rest[1:], span)
         if isinstance(symbol, typed.SystemSymbol):
             topic = self._topic_inside(symbol, [n.text for n in prefix], rest[0])
             if topic is not None:
                 value = self.topic_read(topic, span, context)
-                return value if has_error(value) else self._check_parts(value, rest[1:], span)
+                return value if has_error(value) else self._check_fields(value, rest[1:], span)
         if symbol in self.shared.damaged:
-            return self.lost(span)
+            return self.lost_expr(span)
         self._report_no_part(symbol, path, rest[0], names[0], context)
         return error_expr(span)
 
@@ -267,7 +270,7 @@ class FieldChecker(ExprBase):
             helps = (f"the plant's state is `{path}.truth`",)
         elif isinstance(symbol, typed.ModuleSymbol):
             helps = (f"the module's mode is `mode({path})`",)
-        return self.wrong("N003", f"`{path}` is an instance, not a value", span, helps=helps)
+        return self.refuse("N003", f"`{path}` is an instance, not a value", span, helps=helps)
 
     def _report_no_part(
         self, symbol: object, path: str, name: tree.Name, first: tree.Name, context: Context
@@ -302,14 +305,14 @@ class FieldChecker(ExprBase):
     def _topic_inside(
         self, system: typed.SystemSymbol, prefix: list[str], name: tree.Name
     ) -> typed.TopicSymbol | None:
-        """The symbol for a topic of a sub-system instance, one for each path; or None."""
+        """The symbol of the topic `name` of a sub-system instance; None if it has no such topic."""
         for topic in self.shared.topics_of(system):
             if topic.name.rsplit(".", 1)[-1] == name.text:
-                self.names.note(name.span, topic)
-                return self.shared.stand_in(system, prefix, topic, name.span)
+                self.names.note_meaning(name.span, topic)
+                return self.shared.topic_of_instance(system, prefix, topic, name.span)
         return None
 
-    def _check_parts(
+    def _check_fields(
         self, value: typed.TypedExpr, names: list[tree.Name], span: Span
     ) -> typed.TypedExpr:
         for name in names:
@@ -320,14 +323,16 @@ class FieldChecker(ExprBase):
 
     # ------------------------------------------------------------ brackets
 
-    def index(self, expr: tree.IndexExpr, context: Context, _: Type | None) -> typed.TypedExpr:
+    def check_index(
+        self, expr: tree.IndexExpr, context: Context, _: Type | None
+    ) -> typed.TypedExpr:
         """Checks `target[index]`."""
-        target = self.container(expr.target, context)
+        target = self.check_in_place(expr.target, context)
         index = self.check(expr.index, context, INT)
         if has_error(target, index):
             return error_expr(expr.span)
         if not isinstance(target.type, (ArrayType, ListType)):
-            return self.wrong(
+            return self.refuse(
                 "T002",
                 f"`{target.type}` cannot be indexed",
                 expr.target.span,
@@ -336,14 +341,14 @@ class FieldChecker(ExprBase):
                 helps=index_help(target.type, expr.span, expr.target.span.text, index),
                 whole=expr.span,
             )
-        constant_index(self.diagnostics, target.type, index, expr.target.span.text)
+        may_be_in_range(self.diagnostics, target.type, index, expr.target.span.text)
         return typed.Index(target.type.element, expr.span, target, index)
 
 
-def constant_index(
+def may_be_in_range(
     diagnostics: Diagnostics, t: ArrayType | ListType, index: typed.TypedExpr, target: str
 ) -> bool:
-    """Reports T017, and returns False, for a literal index of `target` that can never be right."""
+    """Whether a literal index of `target` may be right; reports T017 if it never can."""
     if not isinstance(index, typed.Literal):
         return True
     limit = t.size if isinstance(t, ArrayType) else t.capacity
@@ -370,7 +375,7 @@ def index_help(of: Type, whole: Span, target: str, index: typed.TypedExpr) -> tu
 
 
 def _end_help(of: ArrayType | ListType, index: typed.Literal, target: str) -> tuple[Help, ...]:
-    """Help with `xs[xs.len - 1]` for `xs[-1]`, and with the last index for the one after it."""
+    """Gives help for an index before or after all: `xs[xs.len - 1]` for `xs[-1]`, the last one."""
     if index.value >= 0:
         last = of.size - 1 if isinstance(of, ArrayType) else of.capacity - 1
         title = f"indices begin at 0: the last one is `{last}`"
@@ -384,7 +389,7 @@ def _end_help(of: ArrayType | ListType, index: typed.Literal, target: str) -> tu
 def find_instance(
     instances: dict[str, typed.InstanceSymbol], names: list[tree.Name] | tuple[tree.Name, ...]
 ) -> tuple[object, int]:
-    """The declaration of the longest prefix that is an instance, its length; (None, 0): none."""
+    """The declaration of the longest prefix that is an instance, and its length; or (None, 0)."""
     symbol: object = None
     depth = 0
     for name in names:
@@ -406,9 +411,9 @@ def part_and_type(
     scope: FileScope,
     plant: typed.PlantSymbol | None = None,
 ) -> tuple[tuple[str, ...], Type] | None:
-    """The path below type `root` of `parts[0]`, and the type there; None after a report.
+    """Gives the path of `parts` below type `root`, and the type there; None after a report.
 
-    `plant`: the one whose states `root` has, if it is one's.
+    `plant` is the plant whose state has type `root`, if it is a plant's.
     """
     t, path, whole = root, [], parts[0].span.to(parts[-1].span)
     for part in parts:
@@ -428,8 +433,8 @@ def part_and_type(
     return tuple(path), t
 
 
-def number_path(t: Type, path: tree.DottedPath) -> str:
-    """A path to write where one number of `t` was wanted and `path` names all of it."""
+def hint_to_one_number(t: Type, path: tree.DottedPath) -> str:
+    """Gives text that tells how to name one number of `t`, where `path` names all of `t`."""
     if not isinstance(t, ArrayType):
         return "name one of its fields"
     return f"name one of its elements, `{path.span.text}[0]` to `{path.span.text}[{t.size - 1}]`"
@@ -440,7 +445,7 @@ def _field_type(
 ) -> Type | None:
     at = t.index(part.text) if isinstance(t, RecordType) else None
     if isinstance(t, RecordType) and at is not None:
-        shared.names.note(part.word, FieldOf(t, part.text))
+        shared.names.note_meaning(part.word, FieldOf(t, part.text))
         return t.fields[at][1]
     if plant in shared.damaged:
         return None
@@ -460,14 +465,14 @@ def _field_type(
 def _index_value(
     shared: Shared, t: Type, index: tree.SyntaxExpr, path: Span, scope: FileScope
 ) -> int | None:
-    """The value of an index in a path; None after a report."""
+    """Gives the value of an index in a path; None after a report."""
     value = shared.constant(index, scope, INT, "the index of an element")
     if not isinstance(value, int) or isinstance(t, ErrorType):
         return None
     number = typed.Literal(INT, index.span, value, str(value))
     target = index.span.source.text[path.start : index.span.start].rstrip(" \t\n[")
     if isinstance(t, ArrayType):
-        return value if constant_index(shared.diagnostics, t, number, target) else None
+        return value if may_be_in_range(shared.diagnostics, t, number, target) else None
     is_list = isinstance(t, ListType)
     ends = not index.span.source.text[index.span.end : path.end].strip(" \t\n]")
     shared.diagnostics.error(

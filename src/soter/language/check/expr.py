@@ -48,14 +48,14 @@ __all__ = ["ExprChecker", "error_expr", "float_literal", "has_error", "plain_typ
 class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
     """Checks expressions of one program."""
 
-    def dispatch(
+    def check_unconverted(
         self, expr: tree.SyntaxExpr, context: Context, expected: Type | None
     ) -> typed.TypedExpr:
-        """The typed expression, not yet converted; `expected` only helps with literals."""
+        """The typed expression, not yet converted; `expected` is the type of number literals."""
         typed_expr = self._any_value(expr, context, expected)
         if not isinstance(typed_expr, typed.Literal) or not isinstance(typed_expr.value, Table):
             return typed_expr
-        return self.wrong(
+        return self.refuse(
             "T021",
             f"the table `{typed_expr.name}` is too large to be a value",
             expr.span,
@@ -64,8 +64,8 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
             helps=("read elements of it: `TABLE[i]`, `TABLE.len`, `for x in TABLE { ... }`",),
         )
 
-    def container(self, expr: tree.SyntaxExpr, context: Context) -> typed.TypedExpr:
-        """The typed expression of which a part is read in place; it may be a table."""
+    def check_in_place(self, expr: tree.SyntaxExpr, context: Context) -> typed.TypedExpr:
+        """Gives a typed expression of which only a part will be read, so that it may be a table."""
         return self._any_value(expr, context, None)
 
     def _any_value(
@@ -73,7 +73,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
     ) -> typed.TypedExpr:
         method = self._METHODS.get(type(expr))
         if method is None:  # the parser could not read it
-            return self.lost(expr.span)
+            return self.lost_expr(expr.span)
         return method(self, expr, context, expected)
 
     # ------------------------------------------------------------ literals
@@ -81,9 +81,9 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
     def _int_literal(self, expr: tree.IntLit, _: Context, expected: Type | None) -> typed.TypedExpr:
         if isinstance(expected, FloatType):
             return typed.Literal(FLOAT, expr.span, float(expr.value))
-        # -2^63 is written as a negated 2^63, which does not fit itself: see `unary`
+        # -2^63 is written as a negated 2^63, which does not fit itself: see `check_unary`
         if expr.value > INT_MAX:
-            return self.wrong(
+            return self.refuse(
                 "T016",
                 f"{expr.value} does not fit into 64 bits",
                 expr.span,
@@ -102,7 +102,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
         self, expr: tree.DurationLit, _: Context, __: Type | None
     ) -> typed.TypedExpr:
         if expr.value_ns is None or expr.value_ns > INT_MAX:
-            return self.wrong(
+            return self.refuse(
                 "C005",
                 f"`{expr.text}` is not a whole number of nanoseconds",
                 expr.span,
@@ -117,7 +117,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
         local = context.find_local(name)
         if local is not None:
             local.used = True
-            self.names.note(span, local)
+            self.names.note_meaning(span, local)
             if has_error(read := typed.VarRead(local.type, span, local)):
                 self.names.losses += 1
             return read
@@ -125,11 +125,11 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
             hidden = context.hidden.find_local(name)
             if hidden is not None:
                 hidden.used = True
-                self.names.note(span, hidden)
+                self.names.note_meaning(span, hidden)
                 return self._refuse_in_constant(f"`{name}`", span, hidden.span, context)
         if name in context.private:
             context.private[name].used = True
-            return self.wrong(
+            return self.refuse(
                 "T013",
                 f"`{name}` has no meaning in {context.where}",
                 span,
@@ -139,11 +139,11 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
             )
         entry = self.names.find(context.scope, name, span)
         if entry is not None:
-            return self.entry(entry, span, context)
+            return self.entry_value(entry, span, context)
         if name in SPECIALS:
             return self._check_special(name, span, context)
         if name in context.lost:
-            return self.lost(span)
+            return self.lost_expr(span)
         if context.instances is not None and name in context.instances:
             return self.refuse_instance(context.instances[name].what, name, span)
         if name in BUILTIN_FUNCTIONS and not context.broken:
@@ -160,7 +160,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
         return error_expr(span)
 
     def _state_helps(self, name: str, span: Span, context: Context) -> tuple[Help, ...]:
-        """Help with `c.truth.x` for `x` in a system, if one instance's plant has a state `x`."""
+        """Gives help with `c.truth.x` for `x` in a system, if exactly one plant has a state `x`."""
         owners = [
             path
             for path, instance in (context.instances or {}).items()
@@ -180,7 +180,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
             return typed.TimeRead(FLOAT, span)
         if name == "dt" and context.has_period:
             return typed.PeriodRead(FLOAT, span)
-        return self.wrong(
+        return self.refuse(
             "T013",
             f"`{name}` has no meaning in {context.where}",
             span,
@@ -191,10 +191,10 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
     def _refuse_in_constant(
         self, subject: str, span: Span, declared: Span | None, context: Context
     ) -> typed.TypedExpr:
-        """Reports T008, or T007 in the bound of a loop, for a value known only in a run."""
+        """Reports T008, or T007 in the bound of a loop, of `subject`, known only in a run."""
         step = context.constant == "T007" and context.where == "the bound of a loop"
         what_runs = context.constant == "T007" and not step
-        return self.wrong(
+        return self.refuse(
             context.constant or "T008",
             f"{context.where} cannot depend on {subject}",
             span,
@@ -210,8 +210,8 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
             else (),
         )
 
-    def entry(self, entry: Entry, span: Span, context: Context) -> typed.TypedExpr:
-        """The typed expression for a declaration that is used as a value."""
+    def entry_value(self, entry: Entry, span: Span, context: Context) -> typed.TypedExpr:
+        """Gives the typed expression for a declaration that is used as a value."""
         symbol = self.shared.resolve(entry, span)
         if symbol is None:
             return error_expr(span)
@@ -225,7 +225,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
             return typed.ParamRead(symbol.type, span, symbol)
         if isinstance(symbol, typed.TopicSymbol):
             return self.topic_read(symbol, span, context)
-        return self.wrong(
+        return self.refuse(
             "N003",
             f"`{entry.decl.name.text}` is a {entry.kind}, not a value",
             span,
@@ -236,7 +236,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
     def _entry_helps(
         self, entry: Entry, symbol: object, span: Span, context: Context
     ) -> tuple[Help, ...]:
-        """Helps with the value that a function, module, plant, node or type was taken for."""
+        """Gives helps with the value that was meant by a function, module, plant, node or type."""
         name = entry.decl.name.text
         if isinstance(symbol, typed.FunSymbol):
             arguments = ", ".join(p.name for p in symbol.parameters)
@@ -250,16 +250,16 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
                 return (replace(span, mine[0]),)
             return (f"its state is `{mine[0]}.truth`",) if mine else ()
         if entry.kind in ("node", "plant") and not context.constant:
-            return entry.instead("value", span)
+            return entry.helps_for_other_kind("value", span)
         return self.value_helps(entry.decl.name, context) if entry.kind == "type" else ()
 
     def topic_read(self, topic: typed.TopicSymbol, span: Span, context: Context) -> typed.TypedExpr:
-        """The typed read of a topic, if this place may read it."""
+        """Gives the typed read of a topic, or reports that this place may not read it."""
         if context.constant:
             return self._refuse_in_constant(f"topic `{topic.name}`", span, topic.span, context)
         if context.topics is None:
             in_function = context.result is not None
-            return self.wrong(
+            return self.refuse(
                 "M010",
                 f"topic `{topic.name}` cannot be read in {context.where}",
                 span,
@@ -279,7 +279,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
         self, topic: typed.TopicSymbol, span: Span, context: Context
     ) -> typed.TypedExpr:
         if context.owner in self.shared.damaged:  # it may be the one that could not be read
-            return self.lost(span)
+            return self.lost_expr(span)
         if context.node is not None and topic in context.node.publishes:
             message = f"{context.where} publishes `{topic.name}` and cannot read it back"
             helps: tuple[Help, ...] = ("keep the value in a local `var`",)
@@ -289,7 +289,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
             helps = (f"add `{topic.name}` to `{context.inputs}`",)
             if isinstance(context.owner, (typed.NodeSymbol, typed.PlantSymbol)):
                 helps = (unknown_names.listing_fix(context.inputs, span.text, context.owner.span),)
-        return self.wrong("M010", message, span, helps=helps)
+        return self.refuse("M010", message, span, helps=helps)
 
     # ------------------------------------------------------------ records and lists
 
@@ -323,7 +323,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
                 )
                 failed = True
             elif target:
-                self.names.note(name.span, FieldOf(target, name.text))
+                self.names.note_meaning(name.span, FieldOf(target, name.text))
             values[name.text] = checked
             first[name.text] = name.span
         missing = [n for n in wanted if n not in values]
@@ -367,7 +367,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
                 return error_expr(expr.span)
             target = expected
         elif not items:
-            return self.wrong(
+            return self.refuse(
                 "T019",
                 "an empty list needs a type",
                 expr.span,
@@ -393,15 +393,15 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
         tree.FloatLit: _float_literal,
         tree.BoolLit: _bool_literal,
         tree.DurationLit: _duration_literal,
-        tree.FieldExpr: CallChecker.field,
-        tree.IndexExpr: CallChecker.index,
-        tree.CallExpr: CallChecker.call,
-        tree.UnaryExpr: OperatorChecker.unary,
-        tree.BinaryExpr: OperatorChecker.binary,
-        tree.ConditionalExpr: OperatorChecker.conditional,
+        tree.FieldExpr: CallChecker.check_field,
+        tree.IndexExpr: CallChecker.check_index,
+        tree.CallExpr: CallChecker.check_call,
+        tree.UnaryExpr: OperatorChecker.check_unary,
+        tree.BinaryExpr: OperatorChecker.check_binary,
+        tree.ConditionalExpr: OperatorChecker.check_conditional,
         tree.RecordExpr: _record_literal,
         tree.ListExpr: _list_literal,
-        tree.ChooseExpr: ChooseChecker.choose,
+        tree.ChooseExpr: ChooseChecker.check_choose,
     }
 
 

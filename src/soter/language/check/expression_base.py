@@ -46,17 +46,17 @@ SECONDS_MAX = 1e6
 
 
 def error_expr(span: Span) -> typed.TypedExpr:
-    """An expression of type ERROR, for one that was reported."""
+    """Gives an expression of type ERROR, for one of which an error was reported."""
     return typed.Literal(ERROR, span, None)
 
 
 def has_error(*exprs: typed.TypedExpr) -> bool:
-    """Whether any of the expressions has been reported."""
+    """Whether an error of at least one of the expressions has been reported."""
     return any(isinstance(e.type, ErrorType) for e in exprs)
 
 
 def unless_error(expr: typed.TypedExpr | None) -> typed.TypedExpr | None:
-    """The expression, or None if it has been reported."""
+    """Gives the expression, or None if an error of it has been reported."""
     return None if expr is None or has_error(expr) else expr
 
 
@@ -66,12 +66,12 @@ def with_article(t: Type) -> str:
 
 
 def plain_type(t: Type) -> Type:
-    """The type that a new variable gets from a value: ranged ints become plain ints."""
+    """Gives the type that a new variable gets from a value: ranged ints become plain ints."""
     return INT if isinstance(t, IntType) else t
 
 
 def float_literal(expr: typed.TypedExpr) -> typed.TypedExpr | None:
-    """An int literal without name (or + - * of such) as a float literal, else None."""
+    """Gives an unnamed int literal, or a sum or product of such, as a float literal; else None."""
     if not isinstance(expr.type, IntType):
         return None
     if isinstance(expr, typed.Literal) and expr.name is None:
@@ -86,7 +86,7 @@ def float_literal(expr: typed.TypedExpr) -> typed.TypedExpr | None:
 def unify_literals(
     left: typed.TypedExpr, right: typed.TypedExpr
 ) -> tuple[typed.TypedExpr, typed.TypedExpr]:
-    """Both operands, with an int literal beside a float turned into a float."""
+    """Gives both operands; an int literal beside a float operand becomes a float."""
     if isinstance(left.type, FloatType):
         return left, float_literal(right) or right
     if isinstance(right.type, FloatType):
@@ -95,7 +95,7 @@ def unify_literals(
 
 
 def difference_note(expected: Type, actual: Type) -> str:
-    """A note on the part in which two similar types differ; "" for types that differ more."""
+    """Gives a note on the part in which two similar types differ; "" for types that differ more."""
     if isinstance(expected, RecordType) and isinstance(actual, RecordType):
         have, want = dict(actual.fields), dict(expected.fields)
         for name, t in want.items():
@@ -132,10 +132,10 @@ class CheckerPart:
         otherwise: tuple[Help, ...] = (),
         notes: tuple[str, ...] = (),
     ) -> _Symbol | None:
-        """The symbol of class `of` that a reference means, None after a report: N001, N003 or N006.
+        """Gives the symbol of class `of` that a reference means, or None after a report.
 
-        N003, for a declaration of another `kind`, has `helps` and `notes`; N001, for a name that
-        means nothing at all, has `otherwise`.
+        The report is N003 for a declaration of another `kind`, with `helps` and `notes`; else N001,
+        with `otherwise`, or N006.
         """
         entry = self.shared.names.find_ref(scope, ref, kind, otherwise)
         if entry is None:
@@ -147,7 +147,7 @@ class CheckerPart:
                 ref.span,
                 also=((entry.decl.name.span, "declared here"),),
                 notes=notes,
-                helps=helps or entry.instead(kind, ref.span),
+                helps=helps or entry.helps_for_other_kind(kind, ref.span),
             )
             return None
         symbol = self.shared.resolve(entry, ref.span)
@@ -161,7 +161,7 @@ class CheckerPart:
         subject: str,
         because: Because | None = None,
     ) -> typed.TypedExpr | None:
-        """As `Shared.number`; None if the program does not give the number, or after a report."""
+        """Gives `Shared.number` of an expression; None without one, or after a report."""
         if expr is None:
             return None
         return unless_error(self.shared.number(expr, context, expected, subject, because))
@@ -174,7 +174,7 @@ class ExprBase(CheckerPart, ABC):
         super().__init__(shared)
         self.names = shared.names
 
-    def wrong(
+    def refuse(
         self,
         code: Code,
         message: str,
@@ -186,12 +186,12 @@ class ExprBase(CheckerPart, ABC):
         notes: tuple[str, ...] = (),
         helps: tuple[Help, ...] = (),
     ) -> typed.TypedExpr:
-        """Reports an error at `span`; the ERROR expression for `whole`, by default for `span`."""
+        """Reports an error at `span`; gives the ERROR expression for `whole` or `span`."""
         self.diagnostics.error(code, message, span, label, also=also, notes=notes, helps=helps)
         return error_expr(span if whole is None else whole)
 
-    def lost(self, span: Span) -> typed.TypedExpr:
-        """The ERROR expression for what cannot be checked because of an error reported before."""
+    def lost_expr(self, span: Span) -> typed.TypedExpr:
+        """Gives the ERROR expression for syntax that an error reported before makes uncheckable."""
         self.names.losses += 1
         return error_expr(span)
 
@@ -248,7 +248,7 @@ class ExprBase(CheckerPart, ABC):
         )
 
     def value_helps(self, name: tree.Name, context: Context) -> tuple[Help, ...]:
-        """Helps with the local or topic that was meant where a type is named: `motion`."""
+        """Gives helps with a local or topic named nearly like `name`, where a type is wanted."""
         values = [n for n, e in context.scope.entries.items() if e.kind != "type"]
         for other in chain(context.local_names(), values):
             if other != name.text and other.casefold() == name.text.casefold():
@@ -256,14 +256,14 @@ class ExprBase(CheckerPart, ABC):
         return ()
 
     @abstractmethod
-    def dispatch(
+    def check_unconverted(
         self, expr: tree.SyntaxExpr, context: Context, expected: Type | None
     ) -> typed.TypedExpr:
-        """The typed expression, not yet converted; `expected` only helps with literals."""
+        """The typed expression, not yet converted; `expected` is the type of number literals."""
 
     @abstractmethod
-    def container(self, expr: tree.SyntaxExpr, context: Context) -> typed.TypedExpr:
-        """The typed expression of which a part is read in place; it may be a table."""
+    def check_in_place(self, expr: tree.SyntaxExpr, context: Context) -> typed.TypedExpr:
+        """Gives a typed expression of which only a part will be read, so that it may be a table."""
 
     def check(
         self,
@@ -272,11 +272,11 @@ class ExprBase(CheckerPart, ABC):
         expected: Type | None = None,
         because: Because | None = None,
     ) -> typed.TypedExpr:
-        """The typed expression; with `expected` it has that type, or ERROR after a report.
+        """Gives the typed expression, which has type `expected` if given, or ERROR after a report.
 
         `because` says where the program asks for that type.
         """
-        result = self.dispatch(expr, context, expected)
+        result = self.check_unconverted(expr, context, expected)
         if expected is None or has_error(result):
             return result
         return self.convert(result, expected, because)
@@ -284,7 +284,7 @@ class ExprBase(CheckerPart, ABC):
     def convert(
         self, expr: typed.TypedExpr, expected: Type, because: Because | None = None
     ) -> typed.TypedExpr:
-        """Converts an expression to type `expected`, or reports T001."""
+        """Gives an expression converted to type `expected`; ERROR after a report of T001."""
         if isinstance(expected, ErrorType) or has_error(expr) or expr.type == expected:
             return expr
         if isinstance(expected, IntType) and isinstance(expr.type, IntType):
@@ -294,7 +294,7 @@ class ExprBase(CheckerPart, ABC):
             if as_float is not None:
                 return as_float
         why = difference_note(expected, expr.type)
-        return self.wrong(
+        return self.refuse(
             "T001",
             f"expected `{expected}`, found `{expr.type}`",
             expr.span,
@@ -311,7 +311,7 @@ class ExprBase(CheckerPart, ABC):
             return typed.Narrow(expected, expr.span, expr)
         if expected.low <= expr.value <= expected.high:
             return typed.Literal(expected, expr.span, expr.value, expr.name)
-        return self.wrong(
+        return self.refuse(
             "T015",
             f"{expr.value} does not fit into `{expected}`",
             expr.span,
@@ -321,7 +321,7 @@ class ExprBase(CheckerPart, ABC):
 
 
 def list_helps(expr: typed.TypedExpr, wanted: Type) -> tuple[Help, ...]:
-    """Helps if a list or an array, such as a queue, stands where an element is wanted."""
+    """Gives helps if a list or an array, such as a queue, stands where an element is wanted."""
     of = expr.type
     if not isinstance(of, (ListType, ArrayType)) or type(of.element) is not type(wanted):
         return ()
@@ -336,7 +336,7 @@ def list_helps(expr: typed.TypedExpr, wanted: Type) -> tuple[Help, ...]:
 
 
 def member_helps(of: EnumType, expr: typed.TypedExpr) -> tuple[Help, ...]:
-    """Help with a member for its number, `Gear.Drive` for 1; the first one for other numbers."""
+    """Gives help with the enum member of a number, `Gear.Drive` for 1; else the first member."""
     name = of.name.rpartition(".")[2]
     whole = isinstance(expr, typed.Literal) and isinstance(expr.type, IntType)
     if isinstance(expr, typed.Literal) and whole and 0 <= expr.value < len(of.members):
@@ -345,7 +345,7 @@ def member_helps(of: EnumType, expr: typed.TypedExpr) -> tuple[Help, ...]:
 
 
 def _type_labels(expr: typed.TypedExpr, because: Because | None) -> tuple[tuple[Span, str], ...]:
-    """Labels for where the program asks for a type, and where a parameter gets its own."""
+    """Gives labels for the place that asks for a type, and for a parameter's declaration."""
     also = (because,) if because else ()
     if isinstance(expr, typed.ParamRead):
         return (*also, (expr.param.span, f"declared as `{expr.type}` here"))
@@ -353,7 +353,7 @@ def _type_labels(expr: typed.TypedExpr, because: Because | None) -> tuple[tuple[
 
 
 def _conversion_helps(expected: Type, expr: typed.TypedExpr) -> tuple[Help, ...]:
-    """Helps that convert a value to another type, mostly as edits."""
+    """Gives helps that convert a value to another type, mostly as edits."""
     actual, span = expr.type, expr.span
     text = span.text
     if isinstance(expected, FloatType) and isinstance(actual, (IntType, BoolType, DurationType)):
@@ -375,7 +375,7 @@ def _conversion_helps(expected: Type, expr: typed.TypedExpr) -> tuple[Help, ...]
 
 
 def _float_helps(expr: typed.TypedExpr) -> tuple[Help, ...]:
-    """Helps that convert an int, a time or a bool to a float."""
+    """Gives helps that convert an int, a time or a bool to a float."""
     span, text = expr.span, expr.span.text
     if isinstance(expr.type, IntType):
         return (replace(span, f"float({text})", "convert it: `float(...)`"),)
@@ -387,7 +387,7 @@ def _float_helps(expr: typed.TypedExpr) -> tuple[Help, ...]:
 
 
 def _truth_helps(expr: typed.TypedExpr) -> tuple[Help, ...]:
-    """Helps that turn an enum member or a number into a bool by a comparison."""
+    """Gives helps that turn an enum member or a number into a bool by a comparison."""
     actual, span = expr.type, expr.span
     text = span.text
     if isinstance(actual, EnumType):
@@ -404,7 +404,7 @@ def _truth_helps(expr: typed.TypedExpr) -> tuple[Help, ...]:
 
 
 def _time_helps(expr: typed.TypedExpr) -> tuple[Help, ...]:
-    """Helps that turn a number in seconds into a duration, for a name at its declaration."""
+    """Gives helps that turn seconds into a duration: at the declaration of a named number."""
     param = expr.param if isinstance(expr, typed.ParamRead) else None
     named = param is not None or (isinstance(expr, typed.Literal) and expr.name is not None)
     value = param.default if param is not None else expr
@@ -419,7 +419,7 @@ def _time_helps(expr: typed.TypedExpr) -> tuple[Help, ...]:
 
 
 def _record_helps(expected: RecordType, expr: typed.Aggregate) -> tuple[Help, ...]:
-    """Help that writes a list as a record: `{ x: 0.0, y: 1.0 }` for `[0.0, 1.0]`."""
+    """Gives help that writes a list as a record: `{ x: 0.0, y: 1.0 }` for `[0.0, 1.0]`."""
     fields, elements = expected.fields, expr.elements
     pairs = list(zip(fields, elements, strict=False))
     fits = all(

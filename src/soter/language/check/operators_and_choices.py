@@ -61,10 +61,10 @@ AGE = IntType(0, 255)
 class ChooseChecker(ExprBase):
     """The part of the expression checker for `choose`."""
 
-    def choose(
+    def check_choose(
         self, expr: tree.ChooseExpr, context: Context, expected: Type | None
     ) -> typed.TypedExpr:
-        """The typed choice; its alternatives are checked even where `choose` is not allowed."""
+        """The typed choice; its alternatives are checked even if `choose` is not allowed here."""
         if context.choices is None:
             self._report_misplaced(expr.span, context)
         if expr.interval is not None:
@@ -75,11 +75,11 @@ class ChooseChecker(ExprBase):
             choice = self._choice_of_values(expr, context, expected)
         if not isinstance(choice, typed.TypedChoose) or context.choices is None:
             return error_expr(expr.span)
-        if not self._check_count(expr, choice.count):
+        if not self._is_countable_choice(expr, choice.count):
             return error_expr(expr.span)
         if expr.fair and isinstance(context.owner, typed.PlantSymbol):
             note = "who chooses fairly remembers what it took before, and a plant has its states"
-            return self.wrong(
+            return self.refuse(
                 "E014",
                 f"`fair choose` cannot stand in {context.where}",
                 expr.span,
@@ -169,7 +169,7 @@ class ChooseChecker(ExprBase):
     def _refuse_empty(
         self, message: str, span: Span, helps: tuple[str, ...], whole: Span
     ) -> typed.TypedExpr:
-        return self.wrong(
+        return self.refuse(
             "E002",
             message,
             span,
@@ -180,7 +180,7 @@ class ChooseChecker(ExprBase):
         )
 
     def _refuse_infinite(self, subject: str, span: Span, whole: Span) -> typed.TypedExpr:
-        return self.wrong(
+        return self.refuse(
             "E003",
             f"{subject} cannot be tried one by one",
             span,
@@ -189,7 +189,7 @@ class ChooseChecker(ExprBase):
             whole=whole,
         )
 
-    def _check_count(self, expr: tree.ChooseExpr, count: int) -> bool:
+    def _is_countable_choice(self, expr: tree.ChooseExpr, count: int) -> bool:
         most = MAX_FAIR if expr.fair else MAX_CHOICES
         if count <= most:
             return True
@@ -210,7 +210,7 @@ COMPARISONS = {"<", "<=", ">", ">=", "==", "!="}
 class OperatorChecker(ExprBase):
     """The part of the expression checker for operators."""
 
-    def unary(
+    def check_unary(
         self, expr: tree.UnaryExpr, context: Context, expected: Type | None
     ) -> typed.TypedExpr:
         """Checks `-e` and `!e`."""
@@ -225,7 +225,7 @@ class OperatorChecker(ExprBase):
             and not isinstance(expected, FloatType)
         ):
             return typed.Literal(INT, expr.span, INT_MIN)  # 2^63 is no int, but -2^63 is
-        operand = self.dispatch(expr.operand, context, _number_hint(expected))
+        operand = self.check_unconverted(expr.operand, context, _number_hint(expected))
         if has_error(operand):
             return operand
         t = operand.type
@@ -248,7 +248,7 @@ class OperatorChecker(ExprBase):
             helps = (replace(sign, "!", "for the opposite of a bool write `!`"),)
         elif isinstance(t, DurationType):
             helps = (replace(sign, "", f"no time is below 0: write `{expr.operand.span.text}`"),)
-        return self.wrong(
+        return self.refuse(
             "T002",
             f"`-` does not apply to `{t}`",
             expr.operand.span,
@@ -257,7 +257,7 @@ class OperatorChecker(ExprBase):
             whole=expr.span,
         )
 
-    def binary(
+    def check_binary(
         self, expr: tree.BinaryExpr, context: Context, expected: Type | None
     ) -> typed.TypedExpr:
         """Checks all operators with two operands."""
@@ -273,15 +273,15 @@ class OperatorChecker(ExprBase):
             hint = _number_hint(expected)
         elif op in {"*", "/"} and isinstance(expected, FloatType):
             hint = expected
-        left = self.dispatch(expr.left, context, hint)
-        right = self.dispatch(expr.right, context, hint)
+        left = self.check_unconverted(expr.left, context, hint)
+        right = self.check_unconverted(expr.right, context, hint)
         if has_error(left, right):
             return error_expr(expr.span)
         left, right = unify_literals(left, right)
         result = (_comparison if op in COMPARISONS else _calculation)(expr, left, right)
         if result is None:
             lt, rt = left.type, right.type
-            return self.wrong(
+            return self.refuse(
                 "T002",
                 f"`{op}` does not apply to `{lt}` and `{rt}`",
                 expr.span,
@@ -312,7 +312,7 @@ class OperatorChecker(ExprBase):
             helps=(f"two floats keep it: `{a!r} / {b!r}`",),
         )
 
-    def conditional(
+    def check_conditional(
         self, expr: tree.ConditionalExpr, context: Context, expected: Type | None
     ) -> typed.TypedExpr:
         """Checks `c ? a : b`."""
@@ -326,7 +326,7 @@ class OperatorChecker(ExprBase):
         if isinstance(t, IntType) and isinstance(otherwise.type, IntType):
             t = t if t == otherwise.type else INT
         elif t != otherwise.type:
-            return self.wrong(
+            return self.refuse(
                 "T001",
                 f"the two sides of `?:` differ: `{t}` and `{otherwise.type}`",
                 expr.span,
@@ -336,7 +336,7 @@ class OperatorChecker(ExprBase):
 
 
 def _number_hint(expected: Type | None) -> Type | None:
-    """The type to expect of the operands of `+` and `-`: that of the result."""
+    """Gives the type to expect of the operands of `+` and `-`: the result's, if it is of floats."""
     if isinstance(expected, FloatType) or (expected is not None and is_vector(expected)):
         return expected
     return None
@@ -381,14 +381,14 @@ def _calculation(
 
 
 def _float_factor(factor: typed.TypedExpr) -> typed.TypedExpr | None:
-    """The factor as a float that a vector may be multiplied with; None if it is none."""
+    """Gives a factor of a vector as a float; None if it is neither a float nor an int literal."""
     return factor if isinstance(factor.type, FloatType) else float_literal(factor)
 
 
 def _enum_case_help(
     left: typed.TypedExpr, right: typed.TypedExpr, expected: Type | None
 ) -> tuple[Help, ...]:
-    """Helps with `Gear.Drive` for an enum compared with 1, `b ? 1.0 : 0.0` for a bool as number."""
+    """Gives helps with `Gear.Drive` for an enum beside 1, and with `b ? 1.0 : 0.0` for a bool."""
     for one, other in ((left, right), (right, left)):
         if isinstance(one.type, EnumType) and isinstance(other.type, (IntType, FloatType)):
             return member_helps(one.type, other)
@@ -407,7 +407,7 @@ def _enum_case_help(
 
 
 def _components_help(expr: tree.BinaryExpr, of: Type) -> Help:
-    """Help with an operator by components: `{ x: a.x * b.x, y: a.y * b.y }` for `a * b`."""
+    """Gives help with an operator by components: `{ x: a.x * b.x, y: a.y * b.y }` for `a * b`."""
     names = [name for name, _ in of.fields] if isinstance(of, RecordType) else []
     a, b = expr.left, expr.right
     plain = isinstance(a, (tree.NameExpr, tree.FieldExpr)) and isinstance(
@@ -447,7 +447,7 @@ def _push_help(expr: tree.BinaryExpr) -> str:
 def _vector_help(
     expr: tree.BinaryExpr, lt: Type, rt: Type, expected: Type | None
 ) -> tuple[Help, ...]:
-    """Helps for an operator between two vectors: the scalar product, or by components."""
+    """Gives helps for an operator between two vectors: the scalar product, or each component."""
     op = expr.op
     if op in "*/" and expected is not None and lt == rt == expected:
         return (_components_help(expr, lt),)
@@ -464,7 +464,7 @@ def _vector_help(
 
 
 def _number_help(expr: tree.BinaryExpr, lt: Type, rt: Type) -> tuple[Help, ...]:
-    """Helps for an operator between numbers or times of two types: one side converted."""
+    """Gives helps for an operator between numbers or times of two types: one side converted."""
     op, left, right, kinds = expr.op, expr.left.span, expr.right.span, {type(lt), type(rt)}
     if kinds == {IntType, FloatType}:
         of = left if isinstance(lt, IntType) else right

@@ -71,13 +71,13 @@ class Entry:
 
     @property
     def full_name(self) -> str:
-        """The name with the prefix of its file."""
+        """Gives the name with the prefix of its file."""
         return self.scope.loaded.prefix + self.decl.name.text
 
-    def instead(self, wanted: str, span: Span) -> tuple[Help, ...]:
-        """Helps for a use of this declaration where kind `wanted` is needed (`instead`)."""
+    def helps_for_other_kind(self, wanted: str, span: Span) -> tuple[Help, ...]:
+        """Helps for a use of this declaration where a declaration of kind `wanted` is needed."""
         decls = [e.decl for e in self.scope.entries.values()]
-        return unknown_names.instead(decls, self.decl, wanted, span)
+        return unknown_names.helps_for_other_kind(decls, self.decl, wanted, span)
 
 
 @dataclass(eq=False)
@@ -94,7 +94,7 @@ class FileScope:
 
 @dataclass(eq=False)
 class Meanings:
-    """What names were taken for, kept where an editor asks: by place, and fields of records."""
+    """What names mean, for an editor: a meaning by place, and the syntax of records' fields."""
 
     at: dict[tuple[int, int], object] = field(default_factory=dict)
     """(source, start of the name) -> an `Entry`, `Import`, `FieldOf`, or typed symbol."""
@@ -129,7 +129,7 @@ def _missing_declaration(decls: list[tree.Decl], kind: str, name: str) -> tuple[
 
 
 def _names_of_kind(scope: FileScope, kind: str, *, value: bool) -> Iterator[str]:
-    """Yields names of a file that are correct where `kind` is wanted."""
+    """Yields the names of a file that are correct where a declaration of `kind` is needed."""
     for name, entry in scope.entries.items():
         if entry.kind == kind or (kind == "name" and not (value and entry.kind in NO_VALUES)):
             yield name
@@ -138,10 +138,9 @@ def _names_of_kind(scope: FileScope, kind: str, *, value: bool) -> Iterator[str]
 class Names:
     """The scopes of a whole program.
 
-    `losses` counts uses of things whose absence had been reported before: a checker that sees it
-    grow knows that its result is incomplete because of another declaration.
-
-    `meant`: where an editor asks, what each name was taken for.
+    `losses` counts uses of declarations whose absence had been reported before: a checker that sees
+    it grow knows that its result is incomplete because of another declaration. `meant` has what
+    each name means, if an editor asks.
     """
 
     def __init__(self, diagnostics: Diagnostics, meant: Meanings | None = None) -> None:
@@ -153,8 +152,8 @@ class Names:
         self._by_file: dict[int, FileScope] = {}
         self._missing: set[tuple[object, ...]] = set()
 
-    def note(self, span: Span, meaning: object) -> None:
-        """Notes as what the name at a place was understood; the first meaning of a place stays."""
+    def note_meaning(self, span: Span, meaning: object) -> None:
+        """Notes what the name at a place means; the first meaning of a place stays."""
         if self.meant is not None and meaning is not None:
             self.meant.at.setdefault((id(span.source), span.start), meaning)
 
@@ -228,25 +227,25 @@ class Names:
         )
 
     def is_first(self, name: tree.Name, seen: dict[str, Span], kind: str = "") -> bool:
-        """Whether a name is new, and then enters it in `seen`; reports N002 as `twice` if not."""
+        """Whether `name` is not in `seen`, which it is entered in; reports N002 if it is there."""
         first = seen.setdefault(name.text, name.span)
         if first is not name.span:
             self.report_two_of_one_name(name.text, name.span, first, kind)
         return first is name.span
 
     def report_twice(self, message: str, again: Span, first: Span) -> None:
-        """Reports N002 for something that may be said once, at both places."""
+        """Reports N002 for a clause that may stand once, at both places."""
         self.diagnostics.error("N002", message, again, "again", also=((first, "the first time"),))
 
     # ------------------------------------------------------------ looking up
 
     def find(self, scope: FileScope, name: str, span: Span | None = None) -> Entry | None:
-        """The entry that a bare name (at `span`) means in a file, marked as used; or None."""
+        """Gives the entry that a bare name (at `span`) means in a file, marked as used; or None."""
         entry = scope.entries.get(name) or self.prelude.get(name)
         if entry is not None:
             entry.used = True
             if span is not None:
-                self.note(span, entry)
+                self.note_meaning(span, entry)
         return entry
 
     def find_ref(
@@ -256,7 +255,7 @@ class Names:
         wanted: str = "name",
         otherwise: tuple[Help, ...] = (),
     ) -> Entry | None:
-        """The entry that a reference means; None after a report, N001 or N006.
+        """Gives the entry that a reference means; None after a report, N001 or N006.
 
         `wanted` is the kind of declaration that is needed; `otherwise` as in `report_unknown`.
         """
@@ -274,13 +273,13 @@ class Names:
     def find_in_import(
         self, scope: FileScope, qualifier: tree.Name, name: tree.Name, wanted: str = "name"
     ) -> Entry | None:
-        """The entry that `qualifier.name` means; None after a report."""
+        """Gives the entry that `qualifier.name` means; None after a report."""
         if qualifier.text not in scope.imports:
             if not self._report_library(scope, qualifier, name, wanted):
                 self._report_no_import(scope, qualifier, name)
             return None
         scope.used_imports.add(qualifier.text)
-        self.note(qualifier.span, Import(scope, qualifier.text))
+        self.note_meaning(qualifier.span, Import(scope, qualifier.text))
         child = scope.imports[qualifier.text]
         entry = child.entries.get(name.text) if child is not None else None
         if child is None or (entry is None and name.text in child.broken):
@@ -297,14 +296,14 @@ class Names:
             )
             return None
         entry.used = True
-        self.note(name.span, entry)
+        self.note_meaning(name.span, entry)
         return entry
 
     # ------------------------------------------------------------ what to say
 
     @staticmethod
     def _own_file_help(scope: FileScope, qualifier: tree.Name, name: tree.Name) -> tuple[Help, ...]:
-        """A help line for `lib.name` where this file declares the name."""
+        """Gives a help for `lib.name` if this file declares the name."""
         if name.text not in scope.entries:
             return ()
         whole = qualifier.span.to(name.span)
@@ -393,13 +392,11 @@ class Names:
         also: tuple[tuple[Span, str], ...] = (),
         among: Iterable[str] | None = None,
     ) -> None:
-        """Reports N001 for a name that means nothing here; `more` are local names that do.
+        """Reports N001 for a name without a meaning here; `more` are locals that may be meant.
 
         `among`: the only names that are correct here. `helps` come before all guesses, `otherwise`
-        if no name is close.
-
-        A missing declaration is reported once, and so is a name before a dot (`dotted`), which may
-        be a missing import.
+        if no name is close. A missing declaration is reported once, and so is a name before a dot
+        (`dotted`), which may be a missing import.
         """
         known = {(id(scope), name), (id(scope), name, where)} & self._missing
         if name in scope.broken or known:
@@ -451,7 +448,7 @@ class Names:
             yield (f"it is an imported file: write `{name}.` and the name it declares",)
 
     def _import_helps(self, scope: FileScope, name: str, span: Span) -> tuple[Help, ...]:
-        """Help for a name that an imported file declares."""
+        """Gives help for a name that an imported file declares."""
         for qualifier, child in scope.imports.items():
             if child is not None and name in child.entries:
                 scope.used_imports.add(qualifier)
@@ -460,7 +457,7 @@ class Names:
         return ()
 
     def is_first_miss(self, scope: FileScope, name: str, where: str) -> bool:
-        """Whether this is the first use of a missing name at a place; later ones are losses."""
+        """Whether a missing name is used at a place for the first time; later uses are losses."""
         key = (id(scope), name, where)
         if key in self._missing:
             self.losses += 1

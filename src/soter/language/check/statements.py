@@ -12,7 +12,7 @@ from soter.diagnostics.diagnostic import Span
 from soter.diagnostics.fixes import append, insert, replace
 from soter.language.check import unknown_names
 from soter.language.check.checker_interface import SPECIALS
-from soter.language.check.dots_and_brackets import constant_index, index_help
+from soter.language.check.dots_and_brackets import index_help, may_be_in_range
 from soter.language.check.expression_base import CheckerPart, error_expr, has_error, plain_type
 from soter.language.check.scope import BUILTIN_FUNCTIONS, FieldOf
 from soter.language.model import typed
@@ -48,8 +48,8 @@ class StmtChecker(CheckerPart):
         super().__init__(shared)
         self.expressions = expressions
 
-    def block(self, block: tree.Block, context: Context) -> tuple[typed.TypedStmt, ...]:
-        """The typed statements of a block, which gets a scope of its own."""
+    def check_block(self, block: tree.Block, context: Context) -> tuple[typed.TypedStmt, ...]:
+        """Gives the typed statements of a block, which has a scope of its own."""
         context.locals.append({})
         statements = [self.check_statement(s, context) for s in block.statements]
         frame = context.locals.pop()
@@ -58,7 +58,7 @@ class StmtChecker(CheckerPart):
             self.shared.unused.warn_of_variables(list(frame.values()))
         return tuple(s for s in statements if s is not None)
 
-    def declare(self, name: tree.Name, t: Type, kind: str, context: Context) -> typed.Variable:
+    def enter_local(self, name: tree.Name, t: Type, kind: str, context: Context) -> typed.Variable:
         """Enters a new local; reports N002 for the same name twice in one scope."""
         frame = context.locals[-1]
         first = frame.get(name.text)
@@ -66,7 +66,7 @@ class StmtChecker(CheckerPart):
             self.shared.names.report_two_of_one_name(name.text, name.span, first.span)
             first.used = True
         variable = typed.Variable(name.text, t, kind, name.span)
-        self.shared.names.note(name.span, variable)
+        self.shared.names.note_meaning(name.span, variable)
         frame[name.text] = variable
         if kind in ("let", "var"):
             self._warn_shadow(name, context.node, context)
@@ -100,7 +100,7 @@ class StmtChecker(CheckerPart):
             )
 
     def check_statement(self, s: tree.SyntaxStmt, context: Context) -> typed.TypedStmt | None:
-        """The typed statement, or None if it has too many errors to be kept."""
+        """Gives the typed statement, or None if it has too many errors to be kept."""
         return self._STATEMENTS[type(s)](self, s, context)
 
     def _check_assert(self, s: tree.AssertStmt, context: Context) -> typed.TypedStmt:
@@ -108,9 +108,10 @@ class StmtChecker(CheckerPart):
 
     def _check_if(self, s: tree.IfStmt, context: Context) -> typed.TypedStmt:
         arms = tuple(
-            (self.expressions.check(c, context, BOOL), self.block(b, context)) for c, b in s.arms
+            (self.expressions.check(c, context, BOOL), self.check_block(b, context))
+            for c, b in s.arms
         )
-        otherwise = self.block(s.otherwise, context) if s.otherwise else ()
+        otherwise = self.check_block(s.otherwise, context) if s.otherwise else ()
         return typed.TypedIf(s.span, arms, otherwise)
 
     def _check_declaration(
@@ -129,13 +130,13 @@ class StmtChecker(CheckerPart):
             report_stored_duration(value.span, self.diagnostics)
             variable_type = ERROR
         kind = "let" if isinstance(s, tree.LetStmt) else "var"
-        variable = self.declare(s.name, variable_type, kind, context)
+        variable = self.enter_local(s.name, variable_type, kind, context)
         return typed.TypedDeclare(s.span, variable, value)
 
     # ------------------------------------------------------------ places
 
     def _check_assign(self, s: tree.AssignStmt, context: Context) -> typed.TypedStmt | None:
-        place = self.place(s.place, context)
+        place = self.assigned_place(s.place, context)
         because = None
         if place is not None and not place.path:
             variable = place.variable
@@ -143,8 +144,8 @@ class StmtChecker(CheckerPart):
         value = self.expressions.check(s.value, context, place.type if place else None, because)
         return typed.TypedAssign(s.span, place, value) if place else None
 
-    def place(self, expr: tree.SyntaxExpr, context: Context) -> typed.Place | None:
-        """The place on the left of `=`, or None after a report."""
+    def assigned_place(self, expr: tree.SyntaxExpr, context: Context) -> typed.Place | None:
+        """Gives the variable or part of it left of `=`, or None after a report."""
         steps: list[tree.FieldExpr | tree.IndexExpr] = []
         base = expr
         while isinstance(base, (tree.FieldExpr, tree.IndexExpr)):
@@ -160,7 +161,7 @@ class StmtChecker(CheckerPart):
         if variable is None:
             self._report_no_variable(base, steps, context)
             return None
-        self.shared.names.note(base.span, variable)
+        self.shared.names.note_meaning(base.span, variable)
         if variable.kind not in ASSIGNABLE:
             self._report_not_assignable(variable, base)
             return None
@@ -197,7 +198,7 @@ class StmtChecker(CheckerPart):
                 helps=index_help(t, step.span, step.target.span.text, index_expr),
             )
             return None
-        constant_index(self.diagnostics, t, index_expr, step.target.span.text)
+        may_be_in_range(self.diagnostics, t, index_expr, step.target.span.text)
         return index_expr, t.element
 
     def _select_field(self, step: tree.FieldExpr, t: Type) -> tuple[int, Type] | None:
@@ -207,7 +208,7 @@ class StmtChecker(CheckerPart):
         if isinstance(t, RecordType):
             index = t.index(name)
             if index is not None:
-                self.shared.names.note(step.field.span, FieldOf(t, name))
+                self.shared.names.note_meaning(step.field.span, FieldOf(t, name))
                 return index, t.fields[index][1]
             fields = [n for n, _ in t.fields]
             notes = (f"its fields are {', '.join(f'`{n}`' for n in fields)}",)
@@ -283,7 +284,7 @@ class StmtChecker(CheckerPart):
         )
 
     def _check_push(self, s: tree.PushStmt, context: Context) -> typed.TypedStmt | None:
-        place = self.place(s.place, context)
+        place = self.assigned_place(s.place, context)
         t = place.type if place else None
         if place is not None and not isinstance(t, (ListType, ErrorType)):
             self.diagnostics.error(
@@ -371,8 +372,8 @@ class StmtChecker(CheckerPart):
             )
             low = None
         context.locals.append({})
-        variable = self.declare(s.name, INT, "loop", context)
-        body = self.block(s.body, context)
+        variable = self.enter_local(s.name, INT, "loop", context)
+        body = self.check_block(s.body, context)
         context.locals.pop()
         if low is None or high is None:
             return None
@@ -386,7 +387,7 @@ class StmtChecker(CheckerPart):
             )
             sequence = error_expr(s.sequence.span)
         else:
-            sequence = self.expressions.container(s.sequence, context)
+            sequence = self.expressions.check_in_place(s.sequence, context)
         t = sequence.type
         element: Type = ERROR
         if isinstance(t, (ArrayType, ListType)):
@@ -401,8 +402,8 @@ class StmtChecker(CheckerPart):
                 helps=_loop_helps(sequence, context),
             )
         context.locals.append({})
-        variable = self.declare(s.name, element, "loop", context)
-        body = self.block(s.body, context)
+        variable = self.enter_local(s.name, element, "loop", context)
+        body = self.check_block(s.body, context)
         context.locals.pop()
         if isinstance(element, ErrorType):
             return None
@@ -425,7 +426,7 @@ class StmtChecker(CheckerPart):
 
 
 def _loop_helps(sequence: typed.TypedExpr, context: Context) -> tuple[Help, ...]:
-    """Helps for `for x in e` if `e` is no list: a queue for a topic, `0..e` for a number."""
+    """Gives helps for `for x in e` if `e` is no list: a queue for a topic, `0..e` for a number."""
     if isinstance(sequence, typed.TopicRead) and context.node is not None:
         for s in context.node.subscribes:
             if s.topic is sequence.topic and s.queue is None:
@@ -447,7 +448,7 @@ def report_stored_duration(span: Span, diagnostics: Diagnostics) -> None:
 
 
 def always_returns(statements: tuple[typed.TypedStmt, ...]) -> bool:
-    """Whether every path through the statements returns."""
+    """Whether every path through the statements ends in a `return`."""
     for s in statements:
         if isinstance(s, typed.TypedReturn):
             return True

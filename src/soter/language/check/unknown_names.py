@@ -31,7 +31,7 @@ _TYPES = ("float", "int", "bool", "duration")
 
 
 def type_helps(name: str, span: Span) -> tuple[Help, ...]:
-    """Helps for a type of another language; () for any other name."""
+    """Gives helps for the name of a type in another language; () for any other name."""
     if name.lower() in _TYPES:
         return (replace(span, name.lower()),)
     first = THEIRS.get(name, "").split(" ")[0]
@@ -39,7 +39,7 @@ def type_helps(name: str, span: Span) -> tuple[Help, ...]:
 
 
 def value_helps(declared: Iterable[tree.Decl], name: str, span: Span) -> tuple[Help, ...]:
-    """Helps for a value of another language, or an enum member without its enum."""
+    """Gives helps for a value of another language, or an enum member without its enum."""
     ours = THEIRS.get(name, "")
     if ours in ("true", "false") or ours.startswith("var ") or "." in ours:
         return helps_for(name, span)
@@ -54,7 +54,7 @@ def value_helps(declared: Iterable[tree.Decl], name: str, span: Span) -> tuple[H
 
 
 def function_helps(expr: tree.CallExpr, name: str, span: Span) -> tuple[Help, ...]:
-    """Helps for calls such as `len(xs)`, `not (a)` and `now()`."""
+    """Gives helps for calls such as `len(xs)`, `not (a)` and `now()`."""
     arguments = expr.arguments
     if name == "not" and len(arguments) == 1:
         return (replace(Span(span.source, span.start, arguments[0].span.start), "!("),)
@@ -68,7 +68,7 @@ def function_helps(expr: tree.CallExpr, name: str, span: Span) -> tuple[Help, ..
 
 
 def range_helps(call: tree.SyntaxExpr) -> tuple[Help, ...]:
-    """Helps for `range(3)` and `range(1, 3)` after `for i in`."""
+    """Gives helps for `range(3)` and `range(1, 3)` after `for i in`."""
     if not isinstance(call, tree.CallExpr) or not isinstance(call.callee, tree.NameExpr):
         return ()
     if call.callee.name.text not in ("range", "xrange") or not 1 <= len(call.arguments) <= 2:
@@ -81,7 +81,7 @@ def range_helps(call: tree.SyntaxExpr) -> tuple[Help, ...]:
 
 
 def library_helps(qualifier: tree.Name, name: tree.Name, wanted: str) -> tuple[Help, ...] | None:
-    """Helps for `math.sin` and `std_msgs.Bool`; None if it may be a file of the user's."""
+    """Gives helps for `math.sin` and `std_msgs.Bool`; None if `qualifier` may be a user's file."""
     whole = qualifier.span.to(name.span)
     if wanted == "type" and qualifier.text.endswith("_msgs"):
         return type_helps(name.text, whole) or (
@@ -93,12 +93,12 @@ def library_helps(qualifier: tree.Name, name: tree.Name, wanted: str) -> tuple[H
 
 
 def is_library(name: str) -> bool:
-    """Whether what stands behind this name and a point is in the prelude, without them."""
+    """Whether `name` is a library of another language, such as `math`, that Soter has built in."""
     return THEIRS.get(f"{name}.") == ""
 
 
 def bare_name_helps(name: tree.Name, field: tree.Name) -> tuple[Help, ...]:
-    """Helps for `self.last` and `math.pi`: the name alone, or its value."""
+    """Gives helps for `self.last` and `math.pi`: the name alone, or its value."""
     if is_library(name.text):
         return library_helps(name, field, "name") or ()
     if name.text not in OF_AN_OBJECT:
@@ -108,7 +108,7 @@ def bare_name_helps(name: tree.Name, field: tree.Name) -> tuple[Help, ...]:
 
 
 def declaration_help(name: tree.Name) -> tuple[Help, ...]:
-    """Help for an assignment to an unknown name: an edit that declares it."""
+    """Gives help for an assignment to an unknown name: an edit that declares it."""
     return (insert(name.span, "let ", f"declare it: `let {name.text} = ...;`"),)
 
 
@@ -130,7 +130,7 @@ def listing_fix(word: str, name: str, owner: Span) -> Fix:
 
 
 def _item_match(word: str, owner: Span) -> re.Match[str] | None:
-    """The item that begins with `word` in the body of the declaration named at `owner`."""
+    """Gives the item that begins with `word` in the declaration named at `owner`; or None."""
     text = owner.source.text
     next_ = _DECLARATION.search(text, owner.end)
     end = next_.start() if next_ else len(text)
@@ -138,7 +138,7 @@ def _item_match(word: str, owner: Span) -> re.Match[str] | None:
 
 
 def publishes_place(name: str, owner: Span) -> Span | None:
-    """The place at which the node named at `owner` publishes `name`; None if it does not."""
+    """Gives the place at which the node named at `owner` publishes `name`; None if it does not."""
     item = _item_match("publishes", owner)
     word = item and re.compile(rf"\b{re.escape(name)}\b").search(
         owner.source.text, item.start() + len("publishes"), item.end()
@@ -149,7 +149,7 @@ def publishes_place(name: str, owner: Span) -> Span | None:
 def publishing_helps(
     declared: Iterable[tree.Decl], topic: str, owner: tree.Name | Span
 ) -> tuple[Help, ...]:
-    """Helps for a node that publishes an unlisted `topic`: to list it, or to leave it out."""
+    """Gives helps for a node that publishes an unlisted `topic`: list it, or leave it out."""
     span = owner if isinstance(owner, Span) else owner.span
     misspelt, declarations = span.text, list(declared)
     module_of: dict[str, str] = {}
@@ -207,11 +207,11 @@ def meanings(decls: Iterable[tree.Decl], name: str) -> Iterator[Meaning]:
             for item in decl.instances:
                 if _is_instance_named(item, name) and item.what.text != name:
                     subject = f"an instance of `{item.what.text}` in system `{decl.name.text}`"
-                    yield Meaning(subject, item.name.span, _instead_of_instance(declared, item))
+                    yield Meaning(subject, item.name.span, _help_for_instance(declared, item))
 
 
 def _loop_meanings(decl: tree.SystemDecl | tree.TestDecl, name: str) -> Iterator[Meaning]:
-    """Yields the meaning as loop variable of a `for` in a system or test, inner ones too."""
+    """Yields the meanings of `name` as the variable of a loop in a system or test."""
     todo: list[object] = [getattr(decl, f.name) for f in fields(decl)]
     while todo:
         item = todo.pop()
@@ -268,7 +268,7 @@ def _declarations_in(part: object) -> Iterator[tree.LetStmt | tree.VarStmt]:
             yield from _declarations_in(getattr(part, field.name))
 
 
-def _instead_of_instance(decls: Iterable[tree.Decl], item: tree.Instance) -> str:
+def _help_for_instance(decls: Iterable[tree.Decl], item: tree.Instance) -> str:
     decl = next((d for d in decls if d.name.text == item.what.text), None)
     if isinstance(decl, tree.PlantDecl):
         topics = listed([topic.text for topic, _ in decl.drives])
@@ -277,7 +277,7 @@ def _instead_of_instance(decls: Iterable[tree.Decl], item: tree.Instance) -> str
 
 
 def topic_driven_by(plant: tree.PlantDecl, state: str) -> str:
-    """The topic, or the field of one, that a plant drives with a state as it is; "" if none."""
+    """Gives the topic, or its field, that a plant drives with a state itself; "" if none."""
     for topic, value in plant.drives:
         if isinstance(value, tree.NameExpr) and value.name.text == state:
             return topic.text
@@ -287,10 +287,10 @@ def topic_driven_by(plant: tree.PlantDecl, state: str) -> str:
     return ""
 
 
-def truth_as_topic(
+def topic_of_truth(
     decls: Iterable[tree.Decl], names: list[tree.Name]
 ) -> tuple[str, tree.Decl] | None:
-    """For `c.truth`, `c.x`, `Cart.truth`: the topic that the plant drives, and the plant."""
+    """Gives the topic that tells what `c.truth`, `c.x` or `Cart.truth` mean, and its plant."""
     plant = _plant_named({d.name.text: d for d in decls}, names[0].text)
     if plant is None or not plant.drives:
         return None
@@ -311,7 +311,7 @@ def truth_as_topic(
 
 
 def _plant_named(declared: dict[str, tree.Decl], name: str) -> tree.PlantDecl | None:
-    """The plant of this name, or that of an instance of this name in some system."""
+    """Gives the plant of this name, or the one of which an instance has this name; or None."""
     found = declared.get(name)
     for system in declared.values():
         if found is None and isinstance(system, tree.SystemDecl):
@@ -333,10 +333,10 @@ def _is_instance_named(item: object, name: str) -> TypeGuard[tree.Instance]:
     return isinstance(item, tree.Instance) and item.name.text == name
 
 
-def instead(
+def helps_for_other_kind(
     decls: Iterable[tree.Decl], decl: tree.Decl, wanted: str, span: Span
 ) -> tuple[Help, ...]:
-    """Helps with names of kind `wanted` that belong to `decl`, which is of another kind.
+    """Gives helps with names of kind `wanted` that belong to `decl`, which is of another kind.
 
     For a node in place of a topic: what it publishes; for a topic in place of a type: its type.
     """
@@ -363,12 +363,12 @@ def instead(
 
 
 def _names_help(label: str, names: list[str], then: str = "") -> tuple[Help, ...]:
-    """A help with a sentence about names; () if there are none."""
+    """Gives a help with a sentence about names; () if there are none."""
     return (f"{label} {listed(names)}{then}",) if names else ()
 
 
 def _nodes_help(decls: tuple[tree.Decl, ...], decl: tree.Decl) -> tuple[Help, ...]:
-    """A help with the nodes of a topic or module, or with all nodes, as one sentence."""
+    """Gives a help with the nodes of a topic or module, or with all nodes, as one sentence."""
     known = [d for d in decls if isinstance(d, tree.NodeDecl)]
     if isinstance(decl, tree.TopicDecl):
         by = [d.name.text for d in known if decl.name.text in _published_names(d)]
@@ -379,7 +379,7 @@ def _nodes_help(decls: tuple[tree.Decl, ...], decl: tree.Decl) -> tuple[Help, ..
 
 
 def _topics_help(decls: tuple[tree.Decl, ...], decl: tree.Decl) -> tuple[Help, ...]:
-    """A help with the topics of a node, plant, module or type, as one sentence."""
+    """Gives a help with the topics of a node, plant, module or type, as one sentence."""
     if isinstance(decl, tree.NodeDecl):
         topics, verb = _published_names(decl), "publishes"
     elif isinstance(decl, tree.PlantDecl):
@@ -398,7 +398,7 @@ def _topics_help(decls: tuple[tree.Decl, ...], decl: tree.Decl) -> tuple[Help, .
 
 
 def whole_topic_helps(decls: Iterable[tree.Decl], topic: tree.Decl, part: Span) -> tuple[Help, ...]:
-    """Helps for `pose.x` (at `part`) where a topic is wanted: the whole record, or the name."""
+    """Helps for `pose.x` (at `part`) where a topic is needed: all of the record, or `pose`."""
     assigned = part.source.text[part.end :].lstrip().startswith("=")
     if not assigned or not isinstance(topic, tree.TopicDecl):
         return (replace(part, topic.name.text),)
@@ -428,6 +428,6 @@ def _node_names(module: tree.RtaDecl) -> list[str]:
 
 
 def listed(names: list[str]) -> str:
-    """The first few names, in backticks: `a`, `b`."""
+    """Gives the first few names in backticks: `a`, `b`."""
     shown = ", ".join(f"`{n}`" for n in names[:SHOWN])
     return shown + (" and others" if len(names) > SHOWN else "")

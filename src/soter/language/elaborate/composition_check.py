@@ -468,7 +468,7 @@ def _help_to_leave_out(names: Sequence[Span]) -> Help:
 
 
 def hyperperiod(system: System, symbol: SystemSymbol, diagnostics: Diagnostics) -> int:
-    """The time after which the calendar repeats, in ns; reports C003 if it is too long."""
+    """Gives the time after which the calendar repeats, in ns; reports C003 if it is too long."""
     periods = sorted({c.period_ns for c in system.components})
     if (value := math.lcm(*periods)) <= MAX_HYPERPERIOD_NS:
         return value

@@ -90,7 +90,7 @@ def only(system: System, kept: Collection[int]) -> System:
 
 
 def undriven(system: System, kept: Collection[int]) -> System:
-    """The system of these components (indices), without properties, draws and `until`."""
+    """Gives the system of these components (indices), without properties, draws and `until`."""
     return replace(only(system, kept), properties=(), inputs=(), measures=(), until_ns=None)
 
 
@@ -101,7 +101,7 @@ def module_alone(system: System, module: Module, plants: Sequence[Component] = (
 
 
 def with_plants(flat: System, module: Module, plants: Sequence[typed.InstanceSymbol]) -> System:
-    """A system of a module of `flat` and the plants of its proof, with the values of `flat`.
+    """Gives a system of a module of `flat` and the plants of its proof, with the values of `flat`.
 
     Topics are those that the module sees, and the plants get the parameters of the module. Raises
     `SoterError` if the two do not fit together.
@@ -144,7 +144,7 @@ def settings_of_instances(
 
 
 def with_components(system: System, changed: Iterable[Component]) -> System:
-    """The system with these components in the place of those with the same indices."""
+    """Gives the system with these components in the place of those with the same indices."""
     new = {c.index: c for c in changed}
     return replace(system, components=tuple(new.get(c.index, c) for c in system.components))
 
@@ -159,12 +159,12 @@ def with_node(
 
 
 def answered_outside(system: System, indices: Collection[int]) -> System:
-    """The system with these components (nodes or plants) as externs without a binding."""
+    """Gives the system with these components (nodes or plants) as externs without a binding."""
     return with_components(system, (_as_extern(system.components[i]) for i in indices))
 
 
 def without_bindings(system: System) -> System:
-    """The system without bindings of externs; modules and scopes are copies."""
+    """Gives the system without bindings of externs; modules and scopes are copies."""
     return only(
         with_components(system, [replace(c, binding=None) for c in system.components]),
         range(len(system.components)),
@@ -172,13 +172,13 @@ def without_bindings(system: System) -> System:
 
 
 def with_module(system: System, module: Module) -> System:
-    """The system with this module in the place of the one with the same index."""
+    """Gives the system with this module in the place of the one with the same index."""
     modules = [module if m.index == module.index else m for m in system.modules]
     return replace(system, modules=tuple(modules))
 
 
 def with_forced_mode(system: System, module: int, who: str) -> System:
-    """The system with a module whose mode is always `who`, "ac" or "sc"."""
+    """Gives the system with a module whose mode is always `who`, "ac" or "sc"."""
     return with_module(system, replace(system.modules[module], forced=who))
 
 
@@ -196,18 +196,18 @@ def systems_by_plan(system: System, module: Module) -> Iterator[tuple[System, Mo
 
 
 def with_more_inputs(module: Module, more: Sequence[int], **changes: Any) -> Module:  # noqa: ANN401 - fields
-    """The module with more topics in `inputs`, and `changes` of other fields."""
+    """Gives the module with more topics in `inputs`, and `changes` of other fields."""
     return replace(module, inputs=(*module.inputs, *more), **changes)
 
 
 def with_changed_topics(system: System, changed: Iterable[Topic]) -> System:
-    """The system with these topics in the place of those with the same indices."""
+    """Gives the system with these topics in the place of those with the same indices."""
     new = {t.index: t for t in changed}
     return replace(system, topics=tuple(new.get(t.index, t) for t in system.topics))
 
 
 def with_topics(system: System, made: Sequence[Topic]) -> System:
-    """The system with more topics behind its own."""
+    """Gives the system with more topics behind its own."""
     return replace(system, topics=(*system.topics, *made))
 
 
@@ -228,17 +228,17 @@ def with_topic(
 
 
 def with_drawn_topic(system: System, topic: int, every_ns: int) -> System:
-    """The system with a topic drawn from its set every `every_ns` ns, as an input is."""
+    """Gives the system with a topic drawn from its set every `every_ns` ns, as an input is."""
     return replace(system, inputs=(*system.inputs, InputDrive(topic, every_ns)))
 
 
 def with_draws(system: System, wanted: Callable[[int], bool]) -> System:
-    """The system with only those draws whose topic `wanted` accepts."""
+    """Gives the system with only those draws whose topic `wanted` accepts."""
     return replace(system, inputs=tuple(i for i in system.inputs if wanted(i.topic)))
 
 
 def without_held_topics(system: System) -> System:
-    """The system without held topics: outputs of steps that take time take effect at once.
+    """Gives the system without held topics: outputs of steps that take time take effect at once.
 
     It is for proofs and tests, which handle `Component.takes_ns` themselves.
     """
@@ -253,7 +253,7 @@ def without_held_topics(system: System) -> System:
 
 
 def without_latches(system: System) -> System:
-    """The system with DMs that give control back without acknowledgement, as P2b assumes."""
+    """Gives the system with DMs that give control back without acknowledgement, as P2b assumes."""
     modules = tuple(replace(m, latch=None, acknowledgement=None) for m in system.modules)
     return replace(system, modules=modules)
 
@@ -273,7 +273,7 @@ def _shield_at(shield: Shield, place: dict[int | None, int]) -> Shield:
 
 
 def faultless(system: System) -> System:
-    """The system without faults, with nodes in the deployed order, as proofs assume."""
+    """Gives the system without faults, with nodes in the deployed order, as proofs assume."""
     if not system.faults and not system.shuffled:
         return system
     components = tuple(replace(c, held=c.held if c.takes_ns else None) for c in system.components)
@@ -303,7 +303,7 @@ def faultless(system: System) -> System:
 
 
 def without_faults(system: System, gone: Collection[str], *, shuffled: bool) -> System:
-    """The system without these faults (by `Fault.text`); `shuffled`: in a drawn order."""
+    """Gives the system without these faults (by `Fault.text`); `shuffled`: in a drawn order."""
     left = [f for f in system.faults if f.text not in gone]
     faults = with_wait_faults(system.modules, left, shuffled=shuffled)
     return replace(system, faults=faults, shuffled=shuffled)
@@ -316,7 +316,7 @@ def without_outside_faults(system: System) -> System:
 
 
 def with_faults(system: System, more: Sequence[Fault], *, shuffled: bool = False) -> System:
-    """The system with more faults; `shuffled`: in a drawn order."""
+    """Gives the system with more faults; `shuffled`: in a drawn order."""
     any_order = system.shuffled or shuffled
     faults = with_wait_faults(system.modules, (*system.faults, *more), shuffled=any_order)
     return replace(system, faults=faults, shuffled=any_order)
@@ -326,12 +326,12 @@ def with_faults(system: System, more: Sequence[Fault], *, shuffled: bool = False
 
 
 def with_properties(system: System, properties: Sequence[Property]) -> System:
-    """The system with these properties and no others."""
+    """Gives the system with these properties and no others."""
     return replace(system, properties=tuple(properties))
 
 
 def with_test(system: System, plan: TestPlan) -> System:
-    """The system with the plan of a test."""
+    """Gives the system with the plan of a test."""
     return replace(system, test=plan)
 
 
@@ -347,7 +347,7 @@ def _runnable(c: Component) -> Component:
 
 
 def _as_extern(c: Component) -> Component:
-    """The component as an extern: its declaration without code and locals."""
+    """Gives the component as an extern: its declaration without code and locals."""
     if c.plant is not None:
         return replace(c, plant=replace(c.plant, extern=True), binding=None)
     assert c.node is not None

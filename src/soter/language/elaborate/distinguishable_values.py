@@ -262,7 +262,7 @@ class ReadClocks:
 
     @property
     def clock_count(self) -> int:
-        """How many clocks the code reads; all its locals with times count as one clock."""
+        """Gives how many clocks the code reads; all its locals with times count as one clock."""
         return len(self.ages) + self.now + self.kept
 
 
@@ -327,7 +327,7 @@ def _topics_with_late_stamps(system: System, late: set[int]) -> set[int]:
 
 
 def release_count(system: System, component: int) -> int:
-    """The number of a component's releases up to the horizon."""
+    """Gives the number of a component's releases up to the horizon."""
     assert system.test is not None
     c = system.components[component]
     return max(0, (system.test.horizon_ns - c.phase_ns) // c.period_ns + 1)

@@ -37,7 +37,7 @@ def components_named(system: System, path: str) -> list[Component]:
 
 
 def _aliases(system: System, c: Component) -> set[str]:
-    """Other names for a component beside its full name, as in `replace`."""
+    """Gives other names for a component beside its full name, as in `replace`."""
     if c.node is None:
         return set()
     symbols = [c.node]
@@ -439,7 +439,7 @@ def _topics_read(system: System, c: Component) -> set[int]:
 
 
 def _why_no_overrun(c: Component, rest: Sequence[str]) -> str | None:
-    """Why no step of a component can overrun; None: it can, as a node that `takes` time."""
+    """Says why no step of a component can overrun; None if one can, as the node `takes` time."""
     if rest:
         return f"`{c.name}` has no `{'.'.join(rest)}` that steps"
     if c.role == "plant":

@@ -128,7 +128,7 @@ def _warn_of_idle_settings(flat: Flattening) -> None:
 
 
 def implicit_system(program: typed.TypedProgram) -> typed.SystemSymbol | None:
-    """The system of a file that declares none: everything in the file, once."""
+    """Gives the system of a file that declares none: everything in the file, once."""
     used = {n for m in program.modules.values() for n in m.named}
     whats: list[typed.PlantSymbol | typed.ModuleSymbol | typed.NodeSymbol] = [
         *program.plants.values(),

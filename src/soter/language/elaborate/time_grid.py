@@ -116,13 +116,13 @@ def times_read(system: System) -> TimesRead:
 
 
 def _max_ages_read(system: System) -> set[int]:
-    """The `max_age` of every topic that a decision module reads."""
+    """Gives the `max_age` of every topic that a decision module reads."""
     reads = {t for m in system.modules if m.forced is None for t in m.reads}
     return {age for t in reads if (age := system.topics[t].max_age_ns) is not None}
 
 
 def _in_order(spans: Iterable[Span]) -> tuple[Span, ...]:
-    """The spans without duplicates, in the order of the program."""
+    """Gives the spans without duplicates, in the order of the program."""
     places = {(s.source.name, s.start, s.end): s for s in spans}
     return tuple([places[k] for k in sorted(places)])
 
@@ -154,7 +154,7 @@ def quantum_of(system: System, read: TimesRead | None = None) -> int:
 
 
 def _least_divisor(n: int, least: int) -> int:
-    """The least number that divides n and is at least `least`; n where there is none."""
+    """Gives the least number that divides n and is at least `least`; n where there is none."""
     divisors = [k for k in range(1, math.isqrt(n) + 1) if n % k == 0]
     return min((k for d in divisors for k in (d, n // d) if k >= least), default=n)
 
@@ -239,7 +239,7 @@ class _TimeReader:
         self.open += [e.span for e in every] or [s.span for body in bodies for s in body[:1]]
 
     def _counts_of_known(self) -> tuple[int, int, int]:
-        """How many clocks, constants and terms of locals are known: they only ever rise."""
+        """Gives how many clocks, constants and terms of locals are known: they only ever rise."""
         offsets = sum(map(len, self.offsets.values()))
         return len(self.clocks), offsets, sum(map(len, self.terms.values()))
 
@@ -362,7 +362,7 @@ class _TimeReader:
             self.thresholds.add(round(abs(seconds) * 1e9))
 
     def _added_constants(self, e: typed.TypedExpr) -> set[float]:
-        """The constants that a clock may have added, or the constant itself, in seconds."""
+        """Gives the constants that a clock may have added, or the constant itself, in seconds."""
         if isinstance(e, typed.Conditional):
             return self._added_constants(e.then) | self._added_constants(e.otherwise)
         if isinstance(e, typed.VarRead):
@@ -377,7 +377,7 @@ class _TimeReader:
         return {self._constant_in_s(e) or 0.0}
 
     def _terms(self, e: typed.TypedExpr) -> set[ClockTerms]:
-        """The terms that an expression may have, CONSTANT for one that is no clock."""
+        """Gives the terms that an expression may have, CONSTANT for one that is no clock."""
         if isinstance(e, typed.TimeRead):
             return {ClockTerms(now=1, added=0, taken_off=0)}
         if isinstance(e, typed.AgeRead):
@@ -391,7 +391,7 @@ class _TimeReader:
         return {CONSTANT}
 
     def _sums(self, left: typed.TypedExpr, right: typed.TypedExpr, sign: int) -> set[ClockTerms]:
-        """The terms of left + sign * right, `sign` being 1 or -1."""
+        """Gives the terms of left + sign * right, `sign` being 1 or -1."""
         sums: set[ClockTerms] = set()
         for a, b in itertools.product(self._terms(left), self._terms(right)):
             added, off = (b.added, b.taken_off) if sign > 0 else (b.taken_off, b.added)
@@ -399,7 +399,7 @@ class _TimeReader:
         return sums
 
     def _constant_in_s(self, e: typed.TypedExpr) -> float | None:
-        """The value of a constant expression, durations in seconds; None for any other."""
+        """Gives the value of a constant expression, durations in seconds; None for any other."""
         if isinstance(e, (typed.Literal, typed.ParamRead)):
             value = e.value if isinstance(e, typed.Literal) else self.scope.params.get(e.param)
             if isinstance(value, bool) or not isinstance(value, (int, float)):
@@ -430,7 +430,7 @@ class _TimeReader:
 
 
 def _quotient(e: typed.TypedBinary, left: float, right: float) -> float:
-    """The quotient as the language computes it: cut off for ints and for nanoseconds."""
+    """Gives the quotient as the language computes it: cut off for ints and for nanoseconds."""
     if isinstance(e.type, DurationType):
         return math.trunc(round(left * 1e9) / right) / 1e9
     return float(math.trunc(left / right)) if isinstance(e.type, IntType) else left / right

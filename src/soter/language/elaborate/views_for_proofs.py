@@ -72,7 +72,7 @@ def refuse_views(module: Module) -> None:
 
 
 def topics_of_view(block: typed.TypedVerifyBlock) -> Topics:
-    """The topics that the plants of a view drive."""
+    """Gives the topics that the plants of a view drive."""
     return frozenset(topic for link in block.abstracts for topic, _ in link.plant.drives)
 
 
@@ -159,7 +159,7 @@ class Influence:
     high: float
 
     def name(self, system: System) -> str:
-        """Its name in proofs: `plant.topic.leaf`."""
+        """Gives the name in proofs: `plant.topic.leaf`."""
         return f"{system.components[self.component].name}.{self.variable.name}"
 
 

@@ -78,8 +78,8 @@ class StepFault(Exception):  # noqa: N818  the paper's steps fault; "error" woul
 # ---------------------------------------------------------------- int
 
 
-def checked_int(result: int, span: Span | None = None) -> int:
-    """`result` if it fits 64 bits; StepFault, an overflow, otherwise."""
+def require_int64(result: int, span: Span | None = None) -> int:
+    """Gives `result` if it fits 64 bits; StepFault, an overflow, otherwise."""
     if INT_MIN <= result <= INT_MAX:
         return result
     raise StepFault(FaultKind.OVERFLOW, span)
@@ -87,27 +87,27 @@ def checked_int(result: int, span: Span | None = None) -> int:
 
 def add_int(a: int, b: int, span: Span | None = None) -> int:
     """`a + b`."""
-    return checked_int(a + b, span)
+    return require_int64(a + b, span)
 
 
 def sub_int(a: int, b: int, span: Span | None = None) -> int:
     """`a - b`."""
-    return checked_int(a - b, span)
+    return require_int64(a - b, span)
 
 
 def mul_int(a: int, b: int, span: Span | None = None) -> int:
     """`a * b`."""
-    return checked_int(a * b, span)
+    return require_int64(a * b, span)
 
 
 def neg_int(a: int, span: Span | None = None) -> int:
     """`-a`; overflows on the smallest int."""
-    return checked_int(-a, span)
+    return require_int64(-a, span)
 
 
 def abs_int(a: int, span: Span | None = None) -> int:
     """`|a|`; overflows on the smallest int."""
-    return checked_int(abs(a), span)
+    return require_int64(abs(a), span)
 
 
 def div_int(a: int, b: int, span: Span | None = None) -> int:
@@ -115,7 +115,7 @@ def div_int(a: int, b: int, span: Span | None = None) -> int:
     if b == 0:
         raise StepFault(FaultKind.DIVIDE, span)
     quotient = abs(a) // abs(b)
-    return checked_int(quotient if (a < 0) == (b < 0) else -quotient, span)
+    return require_int64(quotient if (a < 0) == (b < 0) else -quotient, span)
 
 
 def mod_int(a: int, b: int, span: Span | None = None) -> int:
@@ -126,7 +126,7 @@ def mod_int(a: int, b: int, span: Span | None = None) -> int:
     return -remainder if a < 0 else remainder
 
 
-def narrow(a: int, low: int, high: int, span: Span | None = None) -> int:
+def require_in_range(a: int, low: int, high: int, span: Span | None = None) -> int:
     """Gives `a` if it lies in `[low, high]`; StepFault, an overflow, otherwise."""
     if low <= a <= high:
         return a
@@ -144,12 +144,12 @@ def div_float(a: float, b: float, span: Span | None = None) -> float:
 
 
 def sqrt(x: float) -> float:
-    """The correctly rounded square root; NaN below zero; -0.0 gives -0.0."""
+    """Gives the correctly rounded square root; NaN below zero; -0.0 gives -0.0."""
     return NAN if x < 0.0 else math.sqrt(x)
 
 
 def floor(x: float) -> float:
-    """The largest whole number not above `x`, as a float; NaN, infinities and -0.0 stay."""
+    """Gives the largest whole number not above `x`, as a float; NaN, infinities and -0.0 stay."""
     if not -_INTEGRAL_FROM < x < _INTEGRAL_FROM or x == 0.0:
         return x
     return float(math.floor(x))
@@ -163,7 +163,7 @@ def int_of_float(x: float, span: Span | None = None) -> int:
 
 
 def seconds(ns: int) -> float:
-    """A duration in seconds."""
+    """Gives a duration in seconds."""
     return float(ns) / 1e9
 
 
@@ -221,13 +221,13 @@ def mapper(t: Type) -> Callable[[Unary, Value], Value]:
     return lambda op, a: tuple([m(op, x) for m, x in zip(parts, a, strict=True)])
 
 
-def flattener(t: Type) -> Callable[[Value], tuple[float, ...]]:
+def function_to_leaves(t: Type) -> Callable[[Value], tuple[float, ...]]:
     """Gives `value -> leaves` for values of type `t`, with the leaves in declared order."""
     if isinstance(t, FloatType):
         return lambda a: (a,)
     if _is_flat(t):
         return lambda a: a
-    parts = [flattener(c) for c in _components(t)]
+    parts = [function_to_leaves(c) for c in _components(t)]
     return lambda a: tuple([leaf for f, x in zip(parts, a, strict=True) for leaf in f(x)])
 
 
@@ -246,7 +246,7 @@ ENVIRONMENT_BYTES = 512
 
 
 def why_not_plain() -> str:
-    """Says what is wrong with this thread's floats; "" if nothing is."""
+    """Says what this thread's floats do against the default IEEE rules; "" if nothing."""
     if ONE + HALF_STEP != ONE or ODD + HALF_STEP == ODD or -ONE - HALF_STEP != -ONE:
         return "sums are not rounded to the nearest double"
     if not LEAST_NORMAL * HALF > 0.0:
@@ -271,13 +271,13 @@ def require_plain() -> None:
 
 
 def restore_plain() -> None:
-    """Restores the floating-point settings of the module's load if they are changed now."""
+    """Restores the floating-point settings of when this file was loaded, if they are changed."""
     if _PLAIN is not None and why_not_plain():
         _PLAIN[0].fesetenv(_PLAIN[1])
 
 
 def _plain_settings() -> tuple[ctypes.CDLL, ctypes.Array[ctypes.c_char]] | None:
-    """Gives the C library and its present settings; None if they are not plain or not readable."""
+    """Gives the C library and its present settings; None if not plain, or unreadable."""
     with suppress(OSError, AttributeError):
         library = ctypes.CDLL(None)
         kept = ctypes.create_string_buffer(ENVIRONMENT_BYTES)

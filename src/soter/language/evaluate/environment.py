@@ -28,8 +28,8 @@ class BudgetExceeded(Exception):  # noqa: N818  not an error: the limit was aske
     """A constant took more operations than the evaluator was allowed."""
 
 
-def _no_chooser(count: int) -> int:
-    """The default for `choose`: it fails, as only steps of nodes and plants have choices."""
+def _refuse_choice(count: int) -> int:
+    """Fails, as the default for `choose`: only steps of nodes and plants have choices."""
     msg = f"nobody chooses between {count} alternatives here"
     raise RuntimeError(msg)
 
@@ -82,7 +82,7 @@ class Environment:
         self.mode = mode
         self.margin_ns = margin_ns
         self.truth = truth
-        self.choose = _no_chooser if choose is None else choose
+        self.choose = _refuse_choice if choose is None else choose
         self.published: dict[int, Value] = {}
 
 
@@ -96,12 +96,12 @@ def ages_after(ages: Sequence[int], pick: int) -> tuple[int, ...]:
 
 
 def allowed_picks(ages: Sequence[int]) -> list[int]:
-    """The alternatives that may be taken now, ascending; never empty from the start on."""
+    """Gives the alternatives that may be taken now, ascending; never empty from the start on."""
     return [i for i in range(len(ages)) if _can_keep_deadlines(ages_after(ages, i), i)]
 
 
 def _can_keep_deadlines(ages: Sequence[int], pick: int) -> bool:
-    """Whether for every s >= 0 at most s + 1 of the others have to be taken within s."""
+    """Whether all others can still be taken in time: within s steps at most s + 1 are due."""
     last = 2 * len(ages) - 1
     slack = sorted(last - age for i, age in enumerate(ages) if i != pick)
     return all(s >= place for place, s in enumerate(slack))

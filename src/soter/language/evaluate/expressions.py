@@ -98,12 +98,12 @@ class ExpressionEvaluator(ABC):
 
     @abstractmethod
     def function(self, fun: t.FunSymbol) -> Callable[[Environment, Sequence[Value]], Value]:
-        """`(environment, arguments) -> value` of a function with a body."""
+        """Gives `(environment, arguments) -> value` for a function with a body."""
 
     def value(self, expr: t.TypedExpr, env: Environment | None = None) -> Value:
-        """Gives the value of an expression in `env`, None for closed ones; see `BudgetExceeded`.
+        """Gives the value of an expression in `env`, None for one that reads nothing.
 
-        Raises `StepFault`. Calls that nest deeper than Python's stack exceed any budget.
+        Raises `StepFault`, and `BudgetExceeded` also for calls nested deeper than Python's stack.
         """
         self._left, self._reserve = 0, self._budget or 0
         try:
@@ -111,21 +111,21 @@ class ExpressionEvaluator(ABC):
         except RecursionError:
             raise BudgetExceeded from None
 
-    def allow(self, operations: int) -> None:
-        """Sets the budget of the next values, in operations, if it was made with a budget."""
+    def set_budget(self, operations: int) -> None:
+        """Sets how many operations each of the next values may take, if there is a budget."""
         assert self._budget is not None
         self._budget = operations
 
     @property
     def spent(self) -> int:
-        """How many operations the last value took."""
+        """Gives how many operations the last value took."""
         return (self._budget or 0) - self._reserve - self._left
 
     def expression(self, expr: t.TypedExpr) -> Compiled:
-        """`environment -> value`; the closure raises `StepFault`."""
+        """Gives `environment -> value` for an expression; the closure raises `StepFault`."""
         compiled = self._expressions.get(expr)
         if compiled is None:
-            compiled = self._expressions[expr] = self._expr(expr)
+            compiled = self._expressions[expr] = self._compile(expr)
         return compiled
 
     # ------------------------------------------------------------ budget
@@ -136,7 +136,7 @@ class ExpressionEvaluator(ABC):
             self._take_slice()
 
     def _take_slice(self) -> None:
-        """Takes a slice from the budget's reserve, and calls `tell` with the operations so far."""
+        """Takes operations from the budget's reserve; tells how many were taken so far."""
         if self.tell is not None and self.spent > SLICE:
             self.tell(self.spent)
         more = min(self._reserve, SLICE - self._left)
@@ -146,7 +146,7 @@ class ExpressionEvaluator(ABC):
             raise BudgetExceeded
 
     def _with_cost(self, operations: int, compiled: Compiled) -> Compiled:
-        """`compiled` so that each call costs `operations`, if there is a budget."""
+        """Gives `compiled`, whose calls cost `operations` if there is a budget."""
         if self._budget is None:
             return compiled
 
@@ -158,7 +158,7 @@ class ExpressionEvaluator(ABC):
 
     # ------------------------------------------------------------ expressions: reads
 
-    def _expr(self, expr: t.TypedExpr) -> Compiled:
+    def _compile(self, expr: t.TypedExpr) -> Compiled:
         return self._EXPRESSIONS[type(expr)](self, expr)
 
     def _compile_literal(self, expr: t.Literal) -> Compiled:
@@ -220,7 +220,7 @@ class ExpressionEvaluator(ABC):
     # ------------------------------------------------------------ expressions: operations
 
     def _compile_unary(self, expr: t.TypedUnary) -> Compiled:
-        operand = self._expr(expr.operand)
+        operand = self._compile(expr.operand)
         span = expr.span
         if expr.op == "!":
             return lambda env: not operand(env)
@@ -232,22 +232,22 @@ class ExpressionEvaluator(ABC):
         return lambda env: each(operator.neg, operand(env))
 
     def _compile_binary(self, expr: t.TypedBinary) -> Compiled:
-        left, right = self._expr(expr.left), self._expr(expr.right)
+        left, right = self._compile(expr.left), self._compile(expr.right)
         if expr.op == "&&":
             return lambda env: left(env) and right(env)
         if expr.op == "||":
             return lambda env: left(env) or right(env)
         op, span = expr.op, expr.span
         if op in _COMPARISONS:
-            return _apply2(_COMPARISONS[op], left, right)
+            return _apply_to_both(_COMPARISONS[op], left, right)
         if not isinstance(expr.type, FloatType):
             return _apply2_checked(_INT_OPERATIONS[op], left, right, span)
         if op == "/":
             return _apply2_checked(arithmetic.div_float, left, right, span)
-        return _apply2(_FLOAT_OPERATIONS[op], left, right)
+        return _apply_to_both(_FLOAT_OPERATIONS[op], left, right)
 
     def _compile_vector(self, expr: t.Vector) -> Compiled:
-        left, right = self._expr(expr.left), self._expr(expr.right)
+        left, right = self._compile(expr.left), self._compile(expr.right)
         op, span = expr.op, expr.span
         if op in ("+", "-"):
             zipped, operation = arithmetic.zipper(expr.type), _FLOAT_OPERATIONS[op]
@@ -268,20 +268,20 @@ class ExpressionEvaluator(ABC):
         return self._with_cost(leaf_count(expr.type), scaled)
 
     def _compile_conditional(self, expr: t.Conditional) -> Compiled:
-        condition = self._expr(expr.condition)
-        then, otherwise = self._expr(expr.then), self._expr(expr.otherwise)
+        condition = self._compile(expr.condition)
+        then, otherwise = self._compile(expr.then), self._compile(expr.otherwise)
         return lambda env: then(env) if condition(env) else otherwise(env)
 
     def _compile_narrow(self, expr: t.Narrow) -> Compiled:
-        operand, span = self._expr(expr.operand), expr.span
+        operand, span = self._compile(expr.operand), expr.span
         assert isinstance(expr.type, IntType)
         low, high = expr.type.low, expr.type.high
-        return lambda env: arithmetic.narrow(operand(env), low, high, span)
+        return lambda env: arithmetic.require_in_range(operand(env), low, high, span)
 
     # ------------------------------------------------------------ expressions: calls
 
     def _compile_call(self, expr: t.TypedCall) -> Compiled:
-        arguments = [self._expr(a) for a in expr.arguments]
+        arguments = [self._compile(a) for a in expr.arguments]
         if expr.fun.extern:
             return self._compile_call_extern(expr, arguments)
         call = self.function(expr.fun)
@@ -309,12 +309,12 @@ class ExpressionEvaluator(ABC):
         return call
 
     def _compile_builtin(self, expr: t.Builtin) -> Compiled:
-        arguments = [self._expr(a) for a in expr.arguments]
+        arguments = [self._compile(a) for a in expr.arguments]
         first, span = arguments[0], expr.span
         of = expr.arguments[0].type
         name = expr.name
         if name in ("min", "max"):
-            return _apply2(
+            return _apply_to_both(
                 arithmetic.minimum if name == "min" else arithmetic.maximum, first, arguments[1]
             )
         if name == "abs" and _is_int(of):
@@ -335,7 +335,7 @@ class ExpressionEvaluator(ABC):
         return lambda env: operation(first(env))
 
     def _compile_dot(self, name: str, of: Type, arguments: list[Compiled]) -> Compiled:
-        flat, first = arithmetic.flattener(of), arguments[0]
+        flat, first = arithmetic.function_to_leaves(of), arguments[0]
         if name == "norm":
 
             def norm(env: Environment) -> Value:
@@ -350,11 +350,11 @@ class ExpressionEvaluator(ABC):
     # ------------------------------------------------------------ expressions: structure
 
     def _compile_field(self, expr: t.TypedField) -> Compiled:
-        target, index = self._expr(expr.target), expr.index
+        target, index = self._compile(expr.target), expr.index
         return lambda env: target(env)[index]
 
     def _compile_index(self, expr: t.Index) -> Compiled:
-        target, index, span = self._expr(expr.target), self._expr(expr.index), expr.span
+        target, index, span = self._compile(expr.target), self._compile(expr.index), expr.span
 
         def element(env: Environment) -> Value:
             sequence = target(env)
@@ -366,11 +366,11 @@ class ExpressionEvaluator(ABC):
         of = expr.target.type
         if isinstance(of, ArrayType):
             return lambda _: of.size
-        target = self._expr(expr.target)
+        target = self._compile(expr.target)
         return lambda env: len(target(env))
 
     def _compile_aggregate(self, expr: t.Aggregate) -> Compiled:
-        elements = [self._expr(e) for e in expr.elements]
+        elements = [self._compile(e) for e in expr.elements]
         if expr.order is None:
             compiled: Compiled = lambda env: tuple([e(env) for e in elements])  # noqa: E731
             return self._with_cost(len(elements), compiled)
@@ -384,8 +384,8 @@ class ExpressionEvaluator(ABC):
         return self._with_cost(len(elements), aggregate)
 
     def _compile_choose(self, expr: t.TypedChoose) -> Compiled:
-        """Evaluates the options, then asks `choose`; a fair choice asks among allowed ones."""
-        options = [self._expr(o) for o in expr.options]
+        """Evaluates the options, then asks `choose`; a fair choice offers only allowed ones."""
+        options = [self._compile(o) for o in expr.options]
         count, low, ages = expr.count, expr.low, expr.ages
         boolean = isinstance(expr.type, BoolType)
 
@@ -441,7 +441,7 @@ def _is_int(of: Type) -> bool:
     return isinstance(of, (IntType, DurationType))
 
 
-def _apply2(op: Callable[[Any, Any], Value], left: Compiled, right: Compiled) -> Compiled:
+def _apply_to_both(op: Callable[[Any, Any], Value], left: Compiled, right: Compiled) -> Compiled:
     return lambda env: op(left(env), right(env))
 
 
@@ -452,7 +452,7 @@ def _apply2_checked(
 
 
 def checked_index(index: int, sequence: tuple[Value, ...], span: Span) -> int:
-    """`index` if `sequence` has it; StepFault, an index fault, otherwise."""
+    """Gives `index` if `sequence` has it; StepFault, an index fault, otherwise."""
     if 0 <= index < len(sequence):
         return index
     raise StepFault(FaultKind.INDEX, span)

@@ -45,7 +45,7 @@ BOUNDED = {"sin": UNIT, "cos": UNIT, "tanh": (0.0, 1.0), "atan": (0.0, 1.0)}
 
 @dataclass(frozen=True)
 class Slope:
-    """A number in [low, high]; `by`: state -> bounds of its derivative by it; absent: 0."""
+    """A number in [low, high]; `by` maps a state to bounds of the derivative by it; absent: 0."""
 
     low: float
     high: float
@@ -53,7 +53,7 @@ class Slope:
 
     @property
     def range(self) -> Range:
-        """The range of the number itself."""
+        """Gives the range of the number itself."""
         return self.low, self.high
 
 
@@ -75,7 +75,7 @@ class Slopes:
         self.param = param
 
     def slopes_of(self, e: typed.TypedExpr) -> Tree:
-        """The slopes of an expression, in the shape of its type."""
+        """Gives the slopes of an expression, in the shape of its type."""
         if isinstance(e, typed.Literal):
             return constant_tree(e.value)
         if isinstance(e, typed.ParamRead):
@@ -148,7 +148,7 @@ class Slopes:
         return unknown_tree(e.type, self._states_read(e))
 
     def _states_read(self, e: typed.TypedExpr) -> dict[int, Range]:
-        """Every state that an expression may depend on -> any derivative."""
+        """Gives state -> any derivative, for the states that an expression may depend on."""
         read = [n.variable for n in nodes([e]) if isinstance(n, typed.VarRead)]
         trees = (self.variables[v] for v in read if v in self.variables)
         return dict.fromkeys((k for t in trees for k in _states_in(t)), ANY)
@@ -161,7 +161,7 @@ def _states_in(t: Tree) -> set[int]:
 
 
 def constant_tree(value: Value) -> Tree:
-    """The tree of a constant."""
+    """Gives the slopes of a constant, in its shape; they depend on no state."""
     if isinstance(value, tuple):
         return tuple(constant_tree(v) for v in value)
     if isinstance(value, (int, float)):
@@ -170,24 +170,24 @@ def constant_tree(value: Value) -> Tree:
 
 
 def unknown_tree(t: Type, by: Mapping[int, Range]) -> Tree:
-    """The tree of an unknown value of type `t` with the derivatives `by`."""
+    """Gives slopes of an unknown value of type `t`, with any derivative by the states in `by`."""
     return uniform_tree(t, Slope(*ANY, dict.fromkeys(by, ANY)))
 
 
 def uniform_tree(t: Type, slope: Slope) -> Tree:
-    """The tree of a value of type `t` whose numbers all have this slope."""
+    """Gives the tree of a value of type `t` whose numbers all have this slope."""
     if isinstance(t, RecordType):
         return tuple(uniform_tree(f, slope) for _, f in t.fields)
     return (uniform_tree(t.element, slope),) * t.size if isinstance(t, ArrayType) else slope
 
 
 def mapped_tree(t: Tree, change: Callable[[Slope], Slope]) -> Tree:
-    """The tree with `change` applied to every slope."""
+    """Gives the tree with `change` applied to every slope."""
     return change(t) if isinstance(t, Slope) else tuple(mapped_tree(part, change) for part in t)
 
 
 def union_tree(a: Tree, b: Tree) -> Tree:
-    """A tree that covers two of one type; an unknown one if their lists differ in length."""
+    """Gives a tree that covers two trees of one type; unknown if their lists differ in length."""
     if isinstance(a, Slope) and isinstance(b, Slope):
         by = {k: hull(a.by.get(k, (0.0, 0.0)), b.by.get(k, (0.0, 0.0))) for k in {*a.by, *b.by}}
         return Slope(*hull(a.range, b.range), by)
@@ -197,7 +197,7 @@ def union_tree(a: Tree, b: Tree) -> Tree:
 
 
 def operation_slope(op: str, a: Slope, b: Slope) -> Slope:
-    """The slope of `a op b`."""
+    """Gives the slope of `a op b`."""
     if op == "+":
         return slope_sum(a, b)
     if op == "-":
@@ -210,13 +210,13 @@ def operation_slope(op: str, a: Slope, b: Slope) -> Slope:
 
 
 def slope_sum(a: Slope, b: Slope) -> Slope:
-    """The slope of the sum."""
+    """Gives the slope of the sum."""
     by = {k: range_sum(a.by.get(k, (0.0, 0.0)), b.by.get(k, (0.0, 0.0))) for k in {*a.by, *b.by}}
     return Slope(*range_sum(a.range, b.range), by)
 
 
 def slope_product(a: Slope, b: Slope) -> Slope:
-    """The slope of the product."""
+    """Gives the slope of the product."""
     by = {}
     for k in {*a.by, *b.by}:
         left, right = a.by.get(k, (0.0, 0.0)), b.by.get(k, (0.0, 0.0))
@@ -225,17 +225,17 @@ def slope_product(a: Slope, b: Slope) -> Slope:
 
 
 def hull(a: Range, b: Range) -> Range:
-    """The smallest range that contains both."""
+    """Gives the smallest range that contains both."""
     return min(a[0], b[0]), max(a[1], b[1])
 
 
 def range_sum(a: Range, b: Range) -> Range:
-    """The range of x + y, with x and y in these ranges."""
+    """Gives the range of x + y, with x and y in these ranges."""
     return a[0] + b[0], a[1] + b[1]
 
 
 def range_product(a: Range, b: Range) -> Range:
-    """The range of products of one number of each; 0 times anything is 0."""
+    """Gives the range of products of one number of each; 0 times anything is 0."""
     ends = [0.0 if 0.0 in (x, y) else x * y for x in a for y in b]
     return min(ends), max(ends)
 
@@ -254,7 +254,7 @@ Leaf = tuple["typed.Variable", tuple[int, ...]]
 
 @dataclass(frozen=True)
 class Diverging:
-    """States that a scheme makes diverge, though their solution does not."""
+    """A group of states that a scheme makes diverge, though their solution does not."""
 
     names: tuple[str, ...]
     variable: typed.Variable
@@ -273,7 +273,7 @@ class Diverging:
 def groups_that_diverge(
     system: System, c: Component, ranges: Mapping[tuple[str, tuple[str, ...]], Range] | None = None
 ) -> list[Diverging]:
-    """The groups of a plant's states that diverge; none where no bound is known.
+    """Gives the groups of a plant's states that diverge; none if no bound is known.
 
     `ranges`: (state, path of a leaf) -> its range, if that is less than all numbers.
     """
@@ -285,7 +285,7 @@ def groups_that_diverge(
     scheme = SCHEMES[plant.method]
     step = c.period_ns / 1e9 / c.substeps
     divergences = []
-    for block in _groups(jacobian):
+    for block in _circles(jacobian):
         growths = [(_growth(a, step, scheme.order), a) for a in _matrices(jacobian, block)]
         known = [(growth, a) for growth, a in growths if growth is not None]
         if known and len(known) == len(growths):
@@ -359,7 +359,7 @@ def _jacobian(
     leaves: Sequence[Leaf],
     ranges: Mapping[tuple[str, tuple[str, ...]], Range],
 ) -> list[list[Range]]:
-    """Bounds of the derivative of every rate by every state."""
+    """Gives bounds of the derivative of every rate by every state."""
     plant = c.plant
     assert plant is not None
     number = {leaf: k for k, leaf in enumerate(leaves)}
@@ -391,7 +391,7 @@ def _jacobian(
 
 
 def _topic_tree(system: System, c: Component, symbol: typed.TopicSymbol) -> Tree:
-    """The tree of a topic: its declared set if it is a float, else an unknown value."""
+    """Gives the tree of a topic: its declared set if it is a float, else an unknown value."""
     bounds = system.topics[c.scope.topics[symbol]].bounds
     if isinstance(symbol.type, FloatType) and bounds[0] is not None:
         return Slope(bounds[0].low, bounds[0].high)
@@ -401,8 +401,8 @@ def _topic_tree(system: System, c: Component, symbol: typed.TopicSymbol) -> Tree
 # ---------------------------------------------------------------- what belongs together
 
 
-def _groups(jacobian: Sequence[Sequence[Range]]) -> list[list[int]]:
-    """Groups of states that depend on each other in a circle; each state is in one group."""
+def _circles(jacobian: Sequence[Sequence[Range]]) -> list[list[int]]:
+    """Gives groups of states that depend on each other in a circle; each state is in one group."""
     n = len(jacobian)
     reach = [{j for j in range(n) if jacobian[i][j] != (0.0, 0.0)} for i in range(n)]
     for k in range(n):
@@ -419,7 +419,7 @@ def _groups(jacobian: Sequence[Sequence[Range]]) -> list[list[int]]:
 
 
 def _matrices(jacobian: Sequence[Sequence[Range]], block: Sequence[int]) -> list[Matrix]:
-    """The Jacobian of a block if it is exact; for a single state both ends; else none."""
+    """Gives the Jacobian of `block` if it is exact; for one state both bounds; else none."""
     ends = [jacobian[i][j] for i in block for j in block]
     n = len(block)
     if n > TOGETHER_MAX or not all(math.isfinite(x) for r in ends for x in r):
@@ -434,7 +434,7 @@ def _matrices(jacobian: Sequence[Sequence[Range]], block: Sequence[int]) -> list
 
 
 def _growth(a: Matrix, step: float, order: int) -> float | None:
-    """The factor of a step that diverges though the solution does not; else None."""
+    """Gives by which factor a step grows that diverges though the solution does not; or None."""
     z = [[x * step for x in row] for row in a]
     scheme = _spectral_radius(_polynomial(z, order))
     parts = 2 ** max(0, math.ceil(math.log2(max(_matrix_norm(z), 1e-300))) + 4)
@@ -445,7 +445,7 @@ def _growth(a: Matrix, step: float, order: int) -> float | None:
 
 
 def _polynomial(z: Matrix, order: int) -> Matrix:
-    """1 + z + ... + z^order / order!."""
+    """Gives 1 + z + ... + z^order / order!, by which a step multiplies the states."""
     n = len(z)
     total = [[float(i == j) for j in range(n)] for i in range(n)]
     power = [row[:] for row in total]
@@ -469,7 +469,7 @@ def _matrix_norm(a: Matrix) -> float:
 
 
 def _spectral_radius(a: Matrix) -> float:
-    """The spectral radius: |a^(2^k)|^(1/2^k), scaled at every squaring."""
+    """Gives the spectral radius: |a^(2^k)|^(1/2^k), scaled at every squaring."""
     scale = 0.0
     for k in range(SQUARINGS):
         size = _matrix_norm(a)

@@ -25,7 +25,7 @@ from soter.language.evaluate.range_evaluation import (
     RangeEvaluator,
     ReadPlace,
     TooHardError,
-    anything,
+    all_values,
 )
 from soter.language.evaluate.ranges import ANY_FLOAT, TOTAL, Range, range_of_prelude
 from soter.language.evaluate.statements import Evaluator
@@ -55,7 +55,7 @@ COMPARISONS = frozenset(("<", "<=", ">", ">=", "==", "!="))
 
 
 def compared_operands(e: t.TypedExpr) -> tuple[t.TypedExpr, ...]:
-    """The floats, or records and arrays of floats, that an expression itself compares."""
+    """Gives the floats, or records and arrays of floats, that an expression itself compares."""
     if isinstance(e, t.TypedBinary) and e.op in COMPARISONS:
         return (e.left, e.right) if isinstance(e.left.type, FloatType) else ()
     if isinstance(e, t.Builtin) and (
@@ -91,7 +91,7 @@ class PredicateEvaluator(Evaluator):
         """Only these operands are checked for NaN; None: all. Set it before compiling."""
 
     def function(self, fun: t.FunSymbol) -> Callable[[Environment, Sequence[Value]], Value]:
-        """As `Evaluator.function`; prelude functions are compiled without these checks."""
+        """Compiles a function as `Evaluator` does; those of the prelude have no checks for NaN."""
         return self._prelude.function(fun) if fun.prelude else super().function(fun)
 
     def _comparing(self, e: Any) -> Compiled:  # noqa: ANN401 - a binary or a builtin operation
@@ -106,7 +106,7 @@ class PredicateEvaluator(Evaluator):
         return ExpressionEvaluator._EXPRESSIONS[type(e)](self, e)  # noqa: SLF001
 
     def _operand(self, e: _Operand) -> Compiled:
-        value, span = self._expr(e.value), e.span
+        value, span = self._compile(e.value), e.span
 
         def number(env: Environment) -> Value:
             found = value(env)
@@ -147,9 +147,9 @@ TIMES = Range(0.0, 1e10)
 
 
 def maybe_nan(system: System, module: Module, *more: t.TypedExpr) -> frozenset[t.TypedExpr]:
-    """Compared operands that may be NaN in a module's `ttf`, `safer`, `progress` and `more`.
+    """Gives compared operands that may be NaN in `ttf`, `safer`, `progress` and `more`.
 
-    `more` is made of these. The set serves called functions, too, so each is one everywhere.
+    `more` consists of these expressions. An operand of a called function counts in all calls.
     """
     symbol = module.symbol
     found: set[t.TypedExpr] = set()
@@ -161,17 +161,17 @@ def maybe_nan(system: System, module: Module, *more: t.TypedExpr) -> frozenset[t
             looking.evaluate(predicate)
             found |= looking.found
         except TooHardError:
-            found |= all_operands(predicate)
+            found |= operands_compared_in(predicate)
     return frozenset(found)
 
 
-def operands_in(fun: t.FunSymbol) -> set[t.TypedExpr]:
-    """All operands that a function compares, itself or in what it calls; none of the prelude's."""
-    return set() if fun.prelude else all_operands(*(fun.body or ()))
+def operands_compared_by(fun: t.FunSymbol) -> set[t.TypedExpr]:
+    """Gives all operands that a function or its callees compare; none of the prelude's."""
+    return set() if fun.prelude else operands_compared_in(*(fun.body or ()))
 
 
-def all_operands(*roots: object) -> set[t.TypedExpr]:
-    """All compared operands in code and in what it calls, except literals and the prelude's."""
+def operands_compared_in(*roots: object) -> set[t.TypedExpr]:
+    """Gives the operands compared in code and its callees, without literals and the prelude's."""
     found: set[t.TypedExpr] = set()
     todo, seen = list(roots), set()
     while todo:
@@ -199,7 +199,7 @@ class _NanFinder(RangeEvaluator):
         self.found: set[t.TypedExpr] = set()
 
     def evaluate(self, e: t.TypedExpr) -> Known:
-        """As `RangeEvaluator.evaluate`; also notes `e` if it is compared and may be NaN."""
+        """Evaluates as the base class does; also notes `e` if it is compared and may be NaN."""
         known = super().evaluate(e)
         if e in self.compared and any(r.nan for r in self._leaves(known, e.type)):
             self.found.add(e)
@@ -216,7 +216,7 @@ class _NanFinder(RangeEvaluator):
             return super()._range_of_call(e)
         values = [self.evaluate(a) for a in e.arguments]
         if e.fun.body is None:
-            return anything(e.type)
+            return all_values(e.type)
         if e.fun.name in TOTAL:
             arguments = [self._scalar(g, a.type) for g, a in zip(values, e.arguments, strict=True)]
             return range_of_prelude(e.fun.name, arguments)
@@ -226,7 +226,7 @@ class _NanFinder(RangeEvaluator):
             returned, _ = self._run(e.fun.body, None, e.type)
         finally:
             self.variables, self.compared, self.found = outside, compared, found
-        return anything(e.type) if returned is None else returned
+        return all_values(e.type) if returned is None else returned
 
     # ------------------------------------------------------------ arrays and lists
 
@@ -271,11 +271,11 @@ class _NanFinder(RangeEvaluator):
             old = self.variables.get(variable, UNKNOWN)
             self.variables[variable] = self._with_part(old, variable.type, steps, value)
         else:
-            self.variables[variable] = anything(variable.type)
+            self.variables[variable] = all_values(variable.type)
         return True
 
     def _with_part(self, old: Known, of: Type, steps: list[Range], value: Known) -> Known:
-        """The value `old` in which a part, at one of the places `steps`, may be `value` now."""
+        """Gives `old` with a part, at one of the places `steps`, that may be `value` now."""
         if not steps:
             return value
         (at, *rest), parts = steps, []
@@ -290,7 +290,7 @@ class _NanFinder(RangeEvaluator):
         return tuple(parts)
 
     def _run_loop(self, s: t.ForRange | t.ForEach, returned: Known, of: Type) -> tuple[Known, bool]:
-        """Runs the body until what holds before every round no longer changes."""
+        """Runs the body until the ranges before each round no longer change."""
         if isinstance(s, t.ForRange):
             item: Known = Range(s.low, s.high - 1)
             if s.high <= s.low:
@@ -308,16 +308,16 @@ class _NanFinder(RangeEvaluator):
                 return returned, True
             turns += 1
             if turns >= TURNS:
-                after = {v: k if k == before[v] else anything(v.type) for v, k in after.items()}
+                after = {v: k if k == before[v] else all_values(v.type) for v, k in after.items()}
             self.variables = after
 
     def _element_range(self, whole: Known, of: Type) -> Known:
-        """What an element of an array or a list may be."""
+        """Gives the range of an element of an array or a list."""
         assert isinstance(of, (ArrayType, ListType))
         if isinstance(whole, ReadPlace) and whole.kind == "topic":
             return _finite_values(of.element)
         if not isinstance(whole, tuple) or not whole or isinstance(of, ListType):
-            return anything(of.element)
+            return all_values(of.element)
         return self._union(whole, of.element)
 
     EXPRESSIONS: ClassVar[dict[type[t.TypedExpr], Callable[[Any, Any], Known]]] = {
@@ -332,23 +332,23 @@ class _NanFinder(RangeEvaluator):
 
 
 def _range_read(system: System, place: ReadPlace) -> Range:
-    """The range of what may be read at a place: finite numbers, for a topic those of its set."""
+    """Gives the range of what may be read at a place; a topic's numbers are in its set."""
     if place.kind == "topic" and not has_list(system.topics[place.index].type):
         return range_in_set(system.topics[place.index], place)
     if place.kind in ("time", "age", "margin"):
         return TIMES
-    known = anything(place.type) if place.kind == "truth" else _finite_values(place.type)
+    known = all_values(place.type) if place.kind == "truth" else _finite_values(place.type)
     if not isinstance(known, Range):
         raise TooHardError
     return known
 
 
 def _finite_values(of: Type) -> Known:
-    """All values of a type that a topic may hold: their numbers are finite."""
+    """Gives all values of a type that a topic may hold; their numbers are finite."""
     if isinstance(of, FloatType):
         return Range(-MOST, MOST)
     if isinstance(of, RecordType) and of.scalars <= ELEMENTS:
         return tuple([_finite_values(f) for _, f in of.fields])
     if isinstance(of, ArrayType) and of.size <= ELEMENTS:
         return (_finite_values(of.element),) * of.size
-    return anything(of)
+    return all_values(of)

@@ -52,7 +52,7 @@ class TooHardError(Exception):
 
 @dataclass(frozen=True)
 class ReadPlace:
-    """A topic, age, truth or the like, or a part of it; it is looked up when a number is needed."""
+    """A place that code reads, as a topic, an age or a part; looked up when a number is needed."""
 
     kind: str
     index: int
@@ -60,8 +60,8 @@ class ReadPlace:
     path: tuple[int, ...] = ()
 
 
-def anything(of: Type) -> Known:
-    """All values of a type, as far as ranges can express them."""
+def all_values(of: Type) -> Known:
+    """Gives the range of all values of a type, as far as ranges can express them."""
     if isinstance(of, BoolType):
         return EITHER
     if isinstance(of, IntType):
@@ -73,14 +73,14 @@ def anything(of: Type) -> Known:
     if isinstance(of, DurationType):
         return ANY_INT
     if isinstance(of, RecordType) and of.scalars <= ELEMENTS:
-        return tuple([anything(f) for _, f in of.fields])
+        return tuple([all_values(f) for _, f in of.fields])
     if isinstance(of, ArrayType) and of.size <= ELEMENTS:
-        return (anything(of.element),) * of.size
+        return (all_values(of.element),) * of.size
     return UNKNOWN
 
 
 def constant_range(of: Type, value: Value) -> Known:
-    """One value of a type, in ranges of a single number."""
+    """Gives one value of a type, in ranges of a single number."""
     if isinstance(of, (RecordType, ArrayType)):
         parts = [f for _, f in of.fields] if isinstance(of, RecordType) else [of.element] * of.size
         return tuple([constant_range(p, v) for p, v in zip(parts, value, strict=True)])
@@ -104,15 +104,15 @@ class RangeEvaluator:
         self._literals: dict[t.Literal, Known] = {}
 
     def evaluate(self, e: t.TypedExpr) -> Known:
-        """What `e` may be; `faults` notes whether it may fault. Raises `TooHardError`."""
+        """Gives the range of `e`; `faults` notes whether it may fault. Raises `TooHardError`."""
         self.left -= 1
         if self.left < 0:
             raise TooHardError
         made = self.EXPRESSIONS.get(type(e))
-        return anything(e.type) if made is None else made(self, e)
+        return all_values(e.type) if made is None else made(self, e)
 
     def number(self, e: t.TypedExpr) -> Range:
-        """The range of a scalar expression; `TooHardError` as `evaluate`."""
+        """Gives the range of a scalar expression; `TooHardError` as `evaluate`."""
         return self._scalar(self.evaluate(e), e.type)
 
     def part(self, e: t.TypedExpr, place: ReadPlace) -> Range:
@@ -126,7 +126,7 @@ class RangeEvaluator:
         if isinstance(known, ReadPlace):
             known = self._read(known)
         if not isinstance(known, Range):
-            known = anything(of)
+            known = all_values(of)
         if not isinstance(known, Range):
             raise TooHardError
         return known
@@ -144,7 +144,7 @@ class RangeEvaluator:
 
     def _range_of_var_read(self, e: t.VarRead) -> Known:
         known = self.variables.get(e.variable)
-        return anything(e.type) if known is None else known
+        return all_values(e.type) if known is None else known
 
     def _range_of_topic_read(self, e: t.TopicRead) -> Known:
         return ReadPlace("topic", self.scope.topics[e.topic], e.type)
@@ -197,7 +197,7 @@ class RangeEvaluator:
         return (ranges.float_add if e.op == "+" else ranges.float_subtract)(a, b)
 
     def _range_of_logical(self, e: t.TypedBinary) -> Known:
-        """Evaluates && or ||; a fault on the right counts only if the left may not decide."""
+        """Gives the range of `and`, `or`; a fault on the right counts unless the left decides."""
         decides = FALSE if e.op == "&&" else TRUE
         a = self.number(e.left)
         if a == decides:
@@ -273,7 +273,7 @@ class RangeEvaluator:
     def _range_of_call(self, e: t.TypedCall) -> Known:
         if e.fun.body is None:
             self.faults.possible = True
-            return anything(e.type)
+            return all_values(e.type)
         values = [self.evaluate(a) for a in e.arguments]
         outside, left, faulted = self.variables, self.left, self.faults.possible
         self.variables = dict(zip(e.fun.parameters, values, strict=True))
@@ -285,13 +285,13 @@ class RangeEvaluator:
             returned, self.left = None, left
         finally:
             self.variables = outside
-        known = anything(e.type) if returned is None else returned
+        known = all_values(e.type) if returned is None else returned
         if e.fun.prelude:  # none of these faults
             self.faults.possible = faulted
         if not (e.fun.prelude and e.fun.name in ranges.TOTAL):
             return known
         numbers = [self._scalar(g, a.type) for g, a in zip(values, e.arguments, strict=True)]
-        return self._scalar(known, e.type).met(ranges.range_of_prelude(e.fun.name, numbers))
+        return self._scalar(known, e.type).overlap(ranges.range_of_prelude(e.fun.name, numbers))
 
     # ------------------------------------------------------------ structure
 
@@ -303,14 +303,14 @@ class RangeEvaluator:
         of = e.target.type
         if not isinstance(of, ArrayType) or of.size > ELEMENTS or target is UNKNOWN:
             self.faults.possible = True
-            return anything(e.type)
+            return all_values(e.type)
         self.faults.note_fault_unless(at.low >= 0 and at.high < of.size)
         union: Known = None
         for i in range(max(int(at.low), 0), min(int(at.high), of.size - 1) + 1):
             self.left -= 1
             part = self._part(target, i, e.type)
             union = part if union is None else self._joined(union, part, e.type)
-        return anything(e.type) if union is None else union
+        return all_values(e.type) if union is None else union
 
     def _range_of_length(self, e: t.TypedLength) -> Known:
         of = e.target.type
@@ -332,16 +332,16 @@ class RangeEvaluator:
         return self._union(map(self.evaluate, e.options), e.type)
 
     def _union(self, parts: Iterable[Known], of: Type) -> Known:
-        """What covers all of one or more values of one type."""
+        """Gives a range that covers one or more values of one type."""
         return reduce(lambda union, part: self._joined(union, part, of), parts)
 
     def _part(self, whole: Known, index: int, of: Type) -> Known:
         if isinstance(whole, ReadPlace):
             return ReadPlace(whole.kind, whole.index, of, (*whole.path, index))
-        return whole[index] if isinstance(whole, tuple) else anything(of)
+        return whole[index] if isinstance(whole, tuple) else all_values(of)
 
     def _parts(self, whole: Known, of: Type) -> list[tuple[Known, Type]]:
-        """The parts of a record or an array, with their types."""
+        """Gives the parts of a record or an array, with their types."""
         if isinstance(of, RecordType):
             types = [f for _, f in of.fields]
         elif isinstance(of, ArrayType) and of.size <= ELEMENTS:
@@ -365,12 +365,12 @@ class RangeEvaluator:
         return self._shaped(of, iter([do(a) for a in self._leaves(whole, of)]))
 
     def _joined(self, a: Known, b: Known, of: Type) -> Known:
-        """What covers both `a` and `b`, two values of one type."""
+        """Gives a range that covers both `a` and `b`, of one type."""
         if a is b or a == b:
             return a
         if isinstance(of, (RecordType, ArrayType)):
             if a is UNKNOWN or b is UNKNOWN:
-                return anything(of)
+                return all_values(of)
             return tuple(
                 [
                     self._joined(x, y, at)
@@ -378,13 +378,13 @@ class RangeEvaluator:
                 ]
             )
         if a is UNKNOWN or b is UNKNOWN:
-            return anything(of)
-        return self._scalar(a, of).joined(self._scalar(b, of))
+            return all_values(of)
+        return self._scalar(a, of).union(self._scalar(b, of))
 
     # ------------------------------------------------------------ statements
 
     def _run(self, body: tuple[t.TypedStmt, ...], returned: Known, of: Type) -> tuple[Known, bool]:
-        """What a body may return, `returned` included (None: nothing); if its end is reachable."""
+        """Gives the range of what a body or `returned` may return, and if its end is reachable."""
         for s in body:
             self.left -= 1
             if self.left < 0:
@@ -403,7 +403,7 @@ class RangeEvaluator:
         return returned, True
 
     def _run_plain(self, s: t.TypedStmt) -> bool:
-        """Runs a statement that contains no others; returns whether the next one is reachable."""
+        """Runs a statement without others in it; gives whether the next one is reachable."""
         if isinstance(s, t.TypedDeclare):
             self.variables[s.variable] = self.evaluate(s.value)
         elif isinstance(s, t.TypedAssign):
@@ -412,10 +412,10 @@ class RangeEvaluator:
                     self.faults.possible = True
             value = self.evaluate(s.value)
             variable = s.place.variable
-            self.variables[variable] = anything(variable.type) if s.place.path else value
+            self.variables[variable] = all_values(variable.type) if s.place.path else value
         elif isinstance(s, t.TypedPush):
             self.faults.possible = True
-            self.variables[s.place.variable] = anything(s.place.variable.type)
+            self.variables[s.place.variable] = all_values(s.place.variable.type)
         elif isinstance(s, t.Assert):
             held = self.number(s.condition)
             self.faults.note_fault_unless(held == TRUE)

@@ -39,16 +39,16 @@ class Range:
 
     @property
     def single(self) -> bool:
-        """Whether it is one number; two zeros of different sign count as one."""
+        """Whether the range is one number; two zeros of different sign count as one."""
         return self.low == self.high and not self.nan
 
-    def joined(self, other: Range) -> Range:
-        """The least range that holds both."""
+    def union(self, other: Range) -> Range:
+        """Gives the least range that holds both."""
         low, high = min(self.low, other.low), max(self.high, other.high)
         return Range(low, high, self.nan or other.nan)
 
-    def met(self, other: Range) -> Range:
-        """The range of what is in both; they have something in common."""
+    def overlap(self, other: Range) -> Range:
+        """Gives the range of the numbers that are in both ranges, which must have one."""
         low, high = max(self.low, other.low), min(self.high, other.high)
         return Range(low, high, self.nan and other.nan)
 
@@ -74,7 +74,7 @@ class Faults:
 
 
 def truth_range(surely: bool, never: bool) -> Range:
-    """The range of a truth value that is surely true, never true, or unknown."""
+    """Gives the range of a truth value that is surely true, never true, or unknown."""
     return TRUE if surely else FALSE if never else EITHER
 
 
@@ -84,7 +84,7 @@ def not_range(a: Range) -> Range:
 
 
 def range_of_prelude(name: str, arguments: list[Range]) -> Range:
-    """The range of the values of a function of TOTAL: perhaps NaN outside its domain."""
+    """Gives the range of a function of TOTAL; with NaN if arguments may leave its domain."""
     from soter.language.prelude.function_error_bounds import BOUNDS  # noqa: PLC0415 - rarely asked
 
     bound = BOUNDS[name]
@@ -100,7 +100,7 @@ def range_of_prelude(name: str, arguments: list[Range]) -> Range:
 
 
 def comparison_range(op: str, a: Range, b: Range, *, same: bool = False) -> Range:
-    """The truth of a comparison; `same`: both sides are one expression, equal unless NaN."""
+    """Gives the truth of a comparison; `same`: both sides are one expression, equal unless NaN."""
     if op == "!=":
         return not_range(comparison_range("==", a, b, same=same))
     if op in {">", ">="}:
@@ -120,7 +120,7 @@ def comparison_range(op: str, a: Range, b: Range, *, same: bool = False) -> Rang
 
 
 def _monotone_range(of: Callable[[float, float], float], a: Range, b: Range) -> Range:
-    """The range of a monotone operation's results on two ranges."""
+    """Gives the range of a monotone operation's results on two ranges."""
     ends = [of(x, y) for x in (a.low, a.high) for y in (b.low, b.high)]
     if a.nan or b.nan or any(math.isnan(x) for x in ends):
         return ANY_FLOAT
@@ -128,22 +128,22 @@ def _monotone_range(of: Callable[[float, float], float], a: Range, b: Range) -> 
 
 
 def float_add(a: Range, b: Range) -> Range:
-    """`a + b`."""
+    """Gives the range of `a + b`."""
     return _monotone_range(lambda x, y: x + y, a, b)
 
 
 def zero_difference(a: Range) -> Range:
-    """`a - a` of one expression: 0, unless it may be infinite or NaN."""
+    """Gives the range of `a - a` of one expression: 0, or NaN if it may be infinite or NaN."""
     return Range(0, 0, a.nan or math.isinf(a.low) or math.isinf(a.high))
 
 
 def float_subtract(a: Range, b: Range) -> Range:
-    """`a - b`."""
+    """Gives the range of `a - b`."""
     return _monotone_range(lambda x, y: x - y, a, b)
 
 
 def float_multiply(a: Range, b: Range, *, same: bool = False) -> Range:
-    """`a * b`; NaN is possible for zero times infinity."""
+    """Gives the range of `a * b`; NaN is possible for zero times infinity."""
     endless = any(math.isinf(x) for x in (a.low, a.high, b.low, b.high))
     if endless and (a.has(0.0) or b.has(0.0)):
         return ANY_FLOAT if not (same and not a.nan) else Range(0.0, INF)
@@ -156,7 +156,7 @@ def float_multiply(a: Range, b: Range, *, same: bool = False) -> Range:
 
 
 def float_divide(a: Range, b: Range, faults: Faults) -> Range:
-    """`a / b`; a fault where b may be zero."""
+    """Gives the range of `a / b`; notes a fault if b may be zero."""
     faults.note_fault_unless(not b.has(0.0) and not b.nan)
     endless = [math.isinf(x.low) or math.isinf(x.high) for x in (a, b)]
     if b.has(0.0) or all(endless) or a.nan or b.nan:
@@ -165,25 +165,25 @@ def float_divide(a: Range, b: Range, faults: Faults) -> Range:
 
 
 def square_root(a: Range) -> Range:
-    """`sqrt(a)`; NaN is possible for numbers below zero."""
+    """Gives the range of `sqrt(a)`; NaN is possible for numbers below zero."""
     low, high = max(a.low, 0.0), max(a.high, 0.0)
     return Range(math.sqrt(low), math.sqrt(high), a.nan or a.low < 0.0)
 
 
 def minimum(a: Range, b: Range) -> Range:
-    """`min(a, b)`, which is `b < a ? b : a`."""
+    """Gives the range of `min(a, b)`, which is `b < a ? b : a`."""
     bounds = Range(min(a.low, b.low), min(a.high, b.high), a.nan)
-    return bounds.joined(a) if b.nan else bounds.joined(Range(b.low, b.high)) if a.nan else bounds
+    return bounds.union(a) if b.nan else bounds.union(Range(b.low, b.high)) if a.nan else bounds
 
 
 def maximum(a: Range, b: Range) -> Range:
-    """`max(a, b)`, which is `b > a ? b : a`."""
+    """Gives the range of `max(a, b)`, which is `b > a ? b : a`."""
     bounds = Range(max(a.low, b.low), max(a.high, b.high), a.nan)
-    return bounds.joined(a) if b.nan else bounds.joined(Range(b.low, b.high)) if a.nan else bounds
+    return bounds.union(a) if b.nan else bounds.union(Range(b.low, b.high)) if a.nan else bounds
 
 
 def absolute(a: Range) -> Range:
-    """`abs(a)` of a float."""
+    """Gives the range of `abs(a)` of a float."""
     ends = abs(a.low), abs(a.high)
     low = type(a.low)(0) if a.has(0) else min(ends)
     return Range(low, max(ends), a.nan)
@@ -193,7 +193,7 @@ def absolute(a: Range) -> Range:
 
 
 def int_range(low: int, high: int, faults: Faults) -> Range:
-    """A result cut to 64 bits; a fault is possible if it may lie outside."""
+    """Gives a result limited to 64 bits; notes a fault if it may lie outside."""
     faults.note_fault_unless(low >= INT_MIN and high <= INT_MAX)
     return Range(max(low, INT_MIN), max(min(high, INT_MAX), low, INT_MIN))
 
@@ -220,19 +220,19 @@ def int_operation(op: str, a: Range, b: Range, faults: Faults) -> Range:
 
 
 def _quotient(a: int, b: int) -> int:
-    """`a / b` truncated towards zero, for ints of any size."""
+    """Gives `a / b` truncated towards zero, for ints of any size."""
     quotient = abs(a) // abs(b)
     return quotient if (a < 0) == (b < 0) else -quotient
 
 
 def int_of_float(a: Range, faults: Faults) -> Range:
-    """`int(a)`; a fault where it does not fit 64 bits."""
+    """Gives the range of `int(a)`; notes a fault if the int may not fit 64 bits."""
     fits = not a.nan and a.low >= -(2.0**63) and a.high < 2.0**63
     faults.note_fault_unless(fits)
     return Range(int(a.low), int(a.high)) if fits else ANY_INT
 
 
 def range_in_type(a: Range, low: int, high: int, faults: Faults) -> Range:
-    """An int that is put into a place of [low, high]; a fault if it may lie outside."""
+    """The range of an int put into a place of [low, high]; notes a fault if it may not fit."""
     faults.note_fault_unless(low <= a.low and a.high <= high)
     return Range(min(max(a.low, low), high), max(min(a.high, high), low))

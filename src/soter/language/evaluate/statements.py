@@ -63,7 +63,7 @@ class Evaluator(ExpressionEvaluator):
 
     @classmethod
     def of(cls, scope: Scope, externs: Mapping[t.FunSymbol, Extern] | None = None) -> Self:
-        """The evaluator for the code of one instance in a system."""
+        """Gives the evaluator for the code of one instance in a system."""
         return cls(
             scope.params,
             externs,
@@ -75,7 +75,7 @@ class Evaluator(ExpressionEvaluator):
     # ------------------------------------------------------------ functions and blocks
 
     def function(self, fun: t.FunSymbol) -> Callable[[Environment, Sequence[Value]], Value]:
-        """`(environment, arguments) -> value` of a function with a body."""
+        """Gives `(environment, arguments) -> value` for a function with a body."""
         if fun not in self._bodies:
             assert fun.body is not None, fun.name
             self._bodies[fun] = self.block(fun.body)
@@ -92,7 +92,7 @@ class Evaluator(ExpressionEvaluator):
         return call
 
     def block(self, statements: Iterable[t.TypedStmt]) -> Executed:
-        """`environment -> None, or the returned value`; effects are in the environment."""
+        """Gives `environment -> returned value or None`; effects are in the environment."""
         compiled = [self._STATEMENTS[type(s)](self, s) for s in statements]
         if len(compiled) == 1:
             return compiled[0]
@@ -109,12 +109,12 @@ class Evaluator(ExpressionEvaluator):
     # ------------------------------------------------------------ statements
 
     def _compile_declare(self, stmt: t.TypedDeclare) -> Executed:
-        return self._with_cost(1, _store(stmt.variable, self._expr(stmt.value)))
+        return self._with_cost(1, _compile_store(stmt.variable, self._compile(stmt.value)))
 
     def _compile_assign(self, stmt: t.TypedAssign) -> Executed:
-        place, value = stmt.place, self._expr(stmt.value)
+        place, value = stmt.place, self._compile(stmt.value)
         if not place.path:
-            return self._with_cost(1, _store(place.variable, value))
+            return self._with_cost(1, _compile_store(place.variable, value))
         keys, variable = self._path_reader(place), place.variable
 
         def assign(env: Environment) -> None:
@@ -122,10 +122,10 @@ class Evaluator(ExpressionEvaluator):
             new = value(env)
             env.variables[variable] = with_part(env.variables[variable], path, new)
 
-        return self._with_cost(_moved_at_most(place), assign)
+        return self._with_cost(_components_copied_at_most(place), assign)
 
     def _compile_push(self, stmt: t.TypedPush) -> Executed:
-        place, value, span = stmt.place, self._expr(stmt.value), stmt.span
+        place, value, span = stmt.place, self._compile(stmt.value), stmt.span
         keys, variable = self._path_reader(place), place.variable
         capacity: int = place.type.capacity  # type: ignore[attr-defined]
 
@@ -139,11 +139,11 @@ class Evaluator(ExpressionEvaluator):
                 raise StepFault(FaultKind.CAPACITY, span)
             env.variables[variable] = with_part(whole, path, (*current, new))
 
-        return self._with_cost(_moved_at_most(place) + capacity, push)
+        return self._with_cost(_components_copied_at_most(place) + capacity, push)
 
     def _path_reader(self, place: t.Place) -> Callable[[Environment], list[int]]:
-        """The positions along a place's path; every index is checked when it is evaluated."""
-        steps = [(p, None) if isinstance(p, int) else (0, self._expr(p)) for p in place.path]
+        """Gives a function to the positions along a place's path, which checks every index."""
+        steps = [(p, None) if isinstance(p, int) else (0, self._compile(p)) for p in place.path]
         variable, span = place.variable, place.span
 
         def keys(env: Environment) -> list[int]:
@@ -158,7 +158,7 @@ class Evaluator(ExpressionEvaluator):
         return keys
 
     def _compile_publish(self, stmt: t.TypedPublish) -> Executed:
-        index, value = self._topics[stmt.topic], self._expr(stmt.value)
+        index, value = self._topics[stmt.topic], self._compile(stmt.value)
         limit, span = stmt.limit, stmt.span
 
         def publish(env: Environment) -> None:
@@ -177,10 +177,10 @@ class Evaluator(ExpressionEvaluator):
         return self._with_cost(1, publish_also)
 
     def _compile_return(self, stmt: t.TypedReturn) -> Executed:
-        return self._with_cost(1, self._expr(stmt.value))
+        return self._with_cost(1, self._compile(stmt.value))
 
     def _compile_assert(self, stmt: t.Assert) -> Executed:
-        condition, span, message = self._expr(stmt.condition), stmt.span, stmt.message
+        condition, span, message = self._compile(stmt.condition), stmt.span, stmt.message
 
         def check(env: Environment) -> None:
             if not condition(env):
@@ -189,7 +189,7 @@ class Evaluator(ExpressionEvaluator):
         return self._with_cost(1, check)
 
     def _compile_if(self, stmt: t.TypedIf) -> Executed:
-        arms = [(self._expr(c), self.block(body)) for c, body in stmt.arms]
+        arms = [(self._compile(c), self.block(body)) for c, body in stmt.arms]
         otherwise = self.block(stmt.otherwise)
 
         def choose(env: Environment) -> Value | None:
@@ -205,7 +205,7 @@ class Evaluator(ExpressionEvaluator):
         return self._compile_loop(stmt.variable, lambda _: rounds, stmt.body)
 
     def _compile_for_each(self, stmt: t.ForEach) -> Executed:
-        return self._compile_loop(stmt.variable, self._expr(stmt.sequence), stmt.body)
+        return self._compile_loop(stmt.variable, self._compile(stmt.sequence), stmt.body)
 
     def _compile_loop(
         self, variable: t.Variable, sequence: Compiled, statements: tuple[t.TypedStmt, ...]
@@ -238,7 +238,7 @@ class Evaluator(ExpressionEvaluator):
 # ---------------------------------------------------------------- helpers
 
 
-def _store(variable: t.Variable, value: Compiled) -> Executed:
+def _compile_store(variable: t.Variable, value: Compiled) -> Executed:
     def store(env: Environment) -> None:
         env.variables[variable] = value(env)
 
@@ -246,20 +246,20 @@ def _store(variable: t.Variable, value: Compiled) -> Executed:
 
 
 def with_part(whole: Value, path: Sequence[int], new: Value) -> Value:
-    """`whole` with `new` at the end of a path of positions."""
+    """Gives `whole` with `new` at the end of a path of positions."""
     if not path:
         return new
     at, *rest = path
     return (*whole[:at], with_part(whole[at], rest, new), *whole[at + 1 :])
 
 
-def _moved_at_most(place: t.Place) -> int:
-    """An upper bound on the components that an assignment to the place moves."""
+def _components_copied_at_most(place: t.Place) -> int:
+    """Gives an upper bound on the components that an assignment to the place copies."""
     return leaf_count(place.variable.type)
 
 
 def python_function(program: TypedProgram, fun: FunSymbol) -> Callable[..., Any]:
-    """A callable for `fun`, with every parameter of the program at its default."""
+    """Gives a callable for `fun`, with every parameter of the program at its default."""
     basic = Evaluator({})
     evaluator = Evaluator({p: basic.value(p.default) for p in program.params.values()})
     compiled = evaluator.function(fun)

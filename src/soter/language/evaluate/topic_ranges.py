@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.environment import Environment
-from soter.language.evaluate.range_evaluation import RangeEvaluator, TooHardError, anything
+from soter.language.evaluate.range_evaluation import RangeEvaluator, TooHardError, all_values
 from soter.language.evaluate.ranges import Range
 from soter.language.evaluate.statements import Evaluator
 from soter.language.model import typed
@@ -56,7 +56,7 @@ def reader_with_limits(
     ages_ns: Mapping[int, int | None],
     leaves_within: Mapping[tuple[int, int], tuple[float, float]] | None = None,
 ) -> Callable[[ReadPlace], Range]:
-    """As `reader_of_sets`, with greatest ages of topics in ns, and ranges of some (topic, leaf)."""
+    """Gives a reader as `reader_of_sets` does, with greatest ages in ns and ranges of leaves."""
     otherwise, within = reader_of_sets(system), leaves_within or {}
 
     def read(place: ReadPlace) -> Range:
@@ -77,12 +77,12 @@ def reader_with_limits(
 
 
 def reader_of_sets(system: System) -> Callable[[ReadPlace], Range]:
-    """A `read` for a `RangeEvaluator` by the declared sets; `TooHardError` for lists."""
+    """Gives a `read` for a `RangeEvaluator` by the declared sets; `TooHardError` for lists."""
 
     def read(place: ReadPlace) -> Range:
         if place.kind == "topic" and not has_list(system.topics[place.index].type):
             return range_in_set(system.topics[place.index], place)
-        known = anything(place.type)
+        known = all_values(place.type)
         if not isinstance(known, Range):
             raise TooHardError
         return known
@@ -107,9 +107,9 @@ def truth_by_parts(
     scope: Scope,
     read: Callable[[ReadPlace], Range] | None = None,
 ) -> bool | None:
-    """As `constant_truth`, but the ranges of read values are cut at the numbers in the condition.
+    """Says what `constant_truth` does, for read ranges cut at the condition's numbers.
 
-    So it recognizes comparisons that exclude each other, or of which one always holds. `read`: a
+    So it recognizes comparisons that exclude each other, or of which one always holds. `read` is a
     function as from `reader_with_limits`; None: the declared sets.
     """
     read, cuts = read or reader_of_sets(system), _constants_in(condition, scope)
@@ -142,7 +142,7 @@ def truth_by_parts(
 
 
 def _constants_in(condition: TypedExpr, scope: Scope) -> list[float]:
-    """The constants in a condition and its calls, with either sign, in rising order."""
+    """Gives the constants in a condition and its calls, with either sign, in rising order."""
     todo: list[object] = [condition]
     called, found = set(), set()
     while todo:
@@ -160,7 +160,7 @@ def _constants_in(condition: TypedExpr, scope: Scope) -> list[float]:
 
 
 def _pieces(of: Range, cuts: Sequence[float]) -> list[Range]:
-    """A range in pieces: each cut inside it as a piece of one number, and those between cuts."""
+    """Gives a range in pieces: each cut inside it as one number, and the ranges between cuts."""
     whole = isinstance(of.low, int)
     if whole and of.high - of.low < CUTS_MAX:
         cuts = range(int(of.low), int(of.high) + 1)
@@ -180,12 +180,12 @@ def _pieces(of: Range, cuts: Sequence[float]) -> list[Range]:
 
 
 def range_in_set(topic: Topic, place: ReadPlace) -> Range:
-    """The range of values that may be published at a place; they are finite."""
+    """Gives the range of values that may be published at a place; they are finite."""
     return _range_inside(place.type, topic.bounds[leaf_index(topic, place.path)])
 
 
 def leaf_index(topic: Topic, path: tuple[int, ...]) -> int:
-    """The index of a leaf in `Topic.bounds`; all elements of a list share those of one."""
+    """Gives the index of a leaf in `Topic.bounds`; all elements of a list share one entry."""
     at, of = 0, topic.type
     for index in path:
         parts: Sequence[Type]
@@ -203,7 +203,7 @@ def _range_inside(of: Type, bound: Bound | None) -> Range:
     if isinstance(of, FloatType):
         low, high = (-MOST, MOST) if bound is None else (bound.low, bound.high)
         return Range(float(low), float(high))
-    interval = anything(of)
+    interval = all_values(of)
     assert isinstance(interval, Range), of
     if bound is None or isinstance(of, BoolType) or not isinstance(of, IntType):
         return interval
@@ -220,7 +220,7 @@ OPENED_MAX = 8
 
 @dataclass(frozen=True)
 class Limit:
-    """`signal` (`motion.x`, `c.x`) may not pass `value`; `by` says who demands it."""
+    """A limit that a signal (`motion.x`, `c.x`) may not pass; `by` says which clause demands it."""
 
     signal: str
     value: float
@@ -238,7 +238,7 @@ class _ScaledSignal:
 
 
 def signal_limits(system: System) -> list[Limit]:
-    """The limits in every module's `safe` and in every `always`, without duplicates."""
+    """Gives the limits in every module's `safe` and in every `always`, without duplicates."""
     demanded = [(m.scope, m.symbol.safe, f"safe of {m.name}") for m in system.modules]
     demanded += [(p.scope, p.condition, "always") for p in system.properties if p.kind == "always"]
     readers = (_LimitReader(system, scope).signal_limits(e, by) for scope, e, by in demanded)
@@ -260,9 +260,9 @@ class _LimitReader:
             parts = conjuncts(opened) if opened is not part else [part]
             for each in parts:
                 if isinstance(each, typed.TypedBinary) and each.op in BELOW | ABOVE:
-                    yield from self._comparison(each, by)
+                    yield from self._limits_of_comparison(each, by)
 
-    def _comparison(self, e: typed.TypedBinary, by: str) -> Iterator[Limit]:
+    def _limits_of_comparison(self, e: typed.TypedBinary, by: str) -> Iterator[Limit]:
         left, right = self._line_of(e.left), self._line_of(e.right)
         if left is None or right is None or bool(left.signal) == bool(right.signal):
             return
@@ -278,7 +278,7 @@ class _LimitReader:
             yield Limit(line.signal, value, by)
 
     def _line_of(self, e: typed.TypedExpr) -> _ScaledSignal | None:
-        """A side of a comparison as a line over one signal, or over none; None: it is no line."""
+        """A side of a comparison as a line over one signal, or none; None if it is no line."""
         e = _inlined(e)
         constant = self._constant(e)
         if constant is not None:
@@ -313,7 +313,7 @@ class _LimitReader:
         return _ScaledSignal(line.signal, line.scale, line.offset + other.offset, line.folded)
 
     def _constant(self, e: typed.TypedExpr) -> float | None:
-        """The value of an expression that reads nothing but parameters."""
+        """Gives the value of an expression that reads nothing but parameters."""
         fixed = (
             typed.Literal, typed.ParamRead, typed.TypedUnary, typed.TypedBinary, typed.Builtin,
             typed.TypedField, typed.Index, typed.TypedLength, typed.Conditional, typed.Narrow,
@@ -327,7 +327,7 @@ class _LimitReader:
             return None
 
     def _signal(self, e: typed.TypedExpr) -> str | None:
-        """The name of a leaf of a topic or of the truth of a plant, as reports call it."""
+        """Gives the name of a leaf of a topic or of the truth of a plant, as reports call it."""
         path: list[str] = []
         while isinstance(e, (typed.TypedField, typed.Index)):
             if isinstance(e, typed.TypedField):
@@ -354,7 +354,7 @@ def _scaled_line(line: _ScaledSignal | None, by: float) -> _ScaledSignal | None:
 
 
 def _inlined(e: typed.TypedExpr) -> typed.TypedExpr:
-    """The expression that a call of a function which only returns something stands for."""
+    """Gives the expression that a call stands for if its function only returns one."""
     for _ in range(OPENED_MAX):
         inner = returned(e) if isinstance(e, typed.TypedCall) else None
         if inner is None:

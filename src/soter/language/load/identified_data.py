@@ -1,6 +1,6 @@
 """What a data file says of its own numbers: that `soter identify` fitted them to logs.
 
-Purpose: `held_out` reads it, so that every verdict can say what such numbers rest on.
+Purpose: `held_out_episodes` reads it, so that every verdict can say what such numbers rest on.
 Non-goals: the numbers (`loader.py`); whether logs are there, or the fit is right.
 """
 
@@ -17,10 +17,10 @@ IDENTIFIED = "$identified"
 """The key by which `soter identify` says in a data file what its numbers rest on."""
 
 
-def held_out(raw: bytes) -> int | None:
-    """The number of held-out episodes behind the numbers of a JSON data file; None of others.
+def held_out_episodes(raw: bytes) -> int | None:
+    """Gives how many held-out episodes a JSON data file rests on; None for other files.
 
-    Raises `DataError` where the file says that there are some, and not how many.
+    Raises `DataError` if the file says that there are some, but not how many.
     """
     if f'"{IDENTIFIED}"'.encode() not in raw:
         return None

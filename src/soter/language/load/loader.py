@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostics, Source
 from soter.diagnostics.system_texts import utf8_text
-from soter.language.load.identified_data import IDENTIFIED, DataError, held_out
+from soter.language.load.identified_data import IDENTIFIED, DataError, held_out_episodes
 from soter.language.load.named_files import ReadError, near_name_helps, parse_json, read_bytes
 from soter.language.model.types import (
     ArrayType,
@@ -58,9 +58,9 @@ KINDS = {".json", ".csv", ".npy"}
 
 
 def read_data(path: Path, t: Type, tell: Callable[[str], None]) -> tuple[Value, bytes]:
-    """The value of type `t` in the file and the file's bytes (for the program's hash).
+    """Gives the value of type `t` in the file and the file's bytes (for the program's hash).
 
-    `tell` is called with what is being done, again and again if that takes long. Raises
+    `tell` is called again and again with a text about progress if that takes long. Raises
     `ReadError` if the file cannot be read, `DataError` if its content is wrong.
     """
     suffix = path.suffix.lower()
@@ -79,14 +79,14 @@ def read_data(path: Path, t: Type, tell: Callable[[str], None]) -> tuple[Value, 
         value = _value(t, document, lambda n: tell(f"reading `{path.name}`: {n} elements"))
     except (ValueShapeError, RecursionError) as error:
         raise DataError(str(error)) from error
-    wrong = _not_finite(t, value, "")
+    wrong = _nan_path(t, value, "")
     if wrong is not None:
         raise DataError(wrong)
     return value, raw
 
 
 def _value(t: Type, document: object, tell: Callable[[int], None]) -> Value:
-    """The value of a parsed document, a `Table` if values of the type are kept as one."""
+    """Gives the value of a parsed document, a `Table` if values of the type are kept as one."""
     if isinstance(document, Table):
         check_length(t, len(document), "")
         return document
@@ -103,8 +103,8 @@ def _elements(t: Type, documents: list[object], tell: Callable[[int], None]) -> 
         yield from_json(t, document, f"[{i}]")
 
 
-def _not_finite(t: Type, value: Value, path: str) -> str | None:
-    """The path of a NaN or an infinity in the value; None if there is none."""
+def _nan_path(t: Type, value: Value, path: str) -> str | None:
+    """Gives the path of a NaN or an infinity in the value; None if there is none."""
     if isinstance(t, FloatType):
         if math.isfinite(value):
             return None
@@ -112,30 +112,30 @@ def _not_finite(t: Type, value: Value, path: str) -> str | None:
     parts: list[tuple[str, Type, Value]] = []
     if isinstance(value, Table):
         at = value.first_not_finite()
-        return None if at is None else _not_finite(value.element, value[at], f"{path}[{at}]")
+        return None if at is None else _nan_path(value.element, value[at], f"{path}[{at}]")
     if isinstance(t, RecordType):
         pairs = zip(t.fields, value, strict=True)
         parts = [(f"{path}.{n}" if path else n, f, v) for (n, f), v in pairs]
     elif isinstance(t, (ArrayType, ListType)):
         parts = [(f"{path}[{i}]", t.element, v) for i, v in enumerate(value)]
-    return next((w for at, f, v in parts if (w := _not_finite(f, v, at))), None)
+    return next((w for at, f, v in parts if (w := _nan_path(f, v, at))), None)
 
 
 def _json_document(raw: bytes) -> object:
-    """The document without what it says of itself: `"$comment"`, for people, and `IDENTIFIED`."""
+    """Gives the document without `"$comment"` and `IDENTIFIED`, which are about the document."""
     try:
         document: object = parse_json(raw.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:
         raise DataError(f"it is not valid JSON: {error}") from error
     if isinstance(document, dict):
         document.pop("$comment", None)
-        if held_out(raw) is not None:
+        if held_out_episodes(raw) is not None:
             del document[IDENTIFIED]
     return document
 
 
 def _csv_document(raw: bytes, t: Type) -> object:
-    """The rows of a csv file: records with a header line, or plain numbers without one."""
+    """Gives the rows of a csv file: records with a header line, or plain numbers without one."""
     if not isinstance(t, (ArrayType, ListType)):
         raise DataError(f"a csv file gives an array or a list, not `{t}`")
     try:
@@ -152,7 +152,7 @@ def _csv_document(raw: bytes, t: Type) -> object:
 
 
 def _row_records(rows: list[list[str]], element: RecordType) -> list[dict[str, object]]:
-    """An object for each row; the header names the field of a column, others are left out."""
+    """Gives a record for each row; the header names the columns, some of which may be unused."""
     if not rows:
         raise DataError("it is empty: a header line is expected")
     header = [h.strip() for h in rows[0]]
@@ -214,7 +214,7 @@ def _npy_document(raw: bytes, t: Type) -> object:
 
 
 def _array_shape(t: Type) -> tuple[int, ...] | None:
-    """The shape of a value that is a float or nested arrays of floats; None for any other type."""
+    """Gives the shape of a value that is a float or nested arrays of floats; else None."""
     if isinstance(t, FloatType):
         return ()
     inner = _array_shape(t.element) if isinstance(t, ArrayType) else None
@@ -236,20 +236,20 @@ class SourceAccess:
     def text(
         self, path: Path, shown: str, diagnostics: Diagnostics, span: Span | None = None
     ) -> str | None:
-        """The text of a source file; None, with a diagnostic, if it cannot be read."""
+        """Gives the text of a source file; None, with a diagnostic, if it cannot be read."""
         return read_text(path, shown, diagnostics, span)
 
     def parsed(self, shown: str, text: str, diagnostics: Diagnostics) -> tuple[Source, tree.File]:
-        """The tree of a text, and the source that the tree's spans refer to."""
+        """Gives the tree of a text, and the source that the tree's spans refer to."""
         source = Source(shown, text)
         return source, parse(source, diagnostics)
 
     def data(self, path: Path, t: Type, tell: Callable[[str], None]) -> tuple[Value, bytes]:
-        """`read_data`: the value in a data file and the file's bytes; raises the same."""
+        """Gives the value in a data file and the file's bytes; raises what `read_data` does."""
         return read_data(path, t, tell)
 
     def constants(self, _: LoadedFile) -> dict[str, tuple[Value, int]]:
-        """Known constants of a file, for unchanged imports and data: name -> value, operations.
+        """Gives name -> (value, operations) of constants known for an unchanged file.
 
         The checker does not compute these again, and enters those that it computes.
         """
@@ -294,20 +294,20 @@ class LoadedProgram:
         self.digest.update(f"data {name}\0{len(raw)}\0".encode())
         self.digest.update(raw)
         self.data[path] = hashlib.sha256(raw).hexdigest()
-        if path.suffix.lower() == ".json" and (episodes := held_out(raw)) is not None:
+        if path.suffix.lower() == ".json" and (episodes := held_out_episodes(raw)) is not None:
             self.identified[name] = episodes
 
     def shows(self, path: Path) -> bool:
-        """Whether messages may quote a data file: only one in the program's folder.
+        """Whether messages may quote a data file: one beside the program, or beside its target.
 
-        Or in the folder of the link's target. A stranger's program may name any file.
+        A stranger's program may name any file.
         """
         folders = (self.main.path.parent, _resolved(self.main.path).parent)
         return any(_resolved(path).is_relative_to(_resolved(f)) for f in folders)
 
     @property
     def contents(self) -> dict[Path, str]:
-        """Path -> SHA-256 of every file as it was read, for a source of its text as UTF-8."""
+        """Gives path -> SHA-256 of every file as it was read, for a source of its text as UTF-8."""
         texts = {f.path: f.source.text.encode("utf-8", "surrogatepass") for f in self.files}
         return {**{p: hashlib.sha256(raw).hexdigest() for p, raw in texts.items()}, **self.data}
 
@@ -315,7 +315,7 @@ class LoadedProgram:
 def read_text(
     path: Path, shown: str, diagnostics: Diagnostics, span: Span | None = None
 ) -> str | None:
-    """Reads a UTF-8 file; None, with a diagnostic (D001, D005), if that is not possible."""
+    """Gives the text of a UTF-8 file; None after a diagnostic, D001 or D005."""
     if (name := utf8_text(shown)) != shown:
         why = "its name is not UTF-8, which everything that is written of it is"
         diagnostics.error("D005", f"cannot read `{name}`: {why}", span)
@@ -380,7 +380,7 @@ def _prelude_paths() -> tuple[Path, ...]:
 
 @cache
 def _prelude_file(path: Path) -> LoadedFile:
-    """A file of the prelude, parsed once for all programs of this process."""
+    """Gives a file of the prelude, parsed once for all programs of this process."""
     source = Source(f"<prelude>/{path.name}", path.read_text(encoding="utf-8"))
     problems = Diagnostics()
     parsed = parse(source, problems)
@@ -418,7 +418,7 @@ class _Loader:
         self.digest.update(data)
 
     def follow_imports(self, main: LoadedFile) -> None:
-        """Loads imports depth first, in written order, without recursion, as chains may be long."""
+        """Loads imports depth first, in written order, without recursion: chains may be long."""
         chain = {_resolved(main.path): main}
         waiting = [iter(main.file.imports)]
         while waiting:
@@ -440,16 +440,16 @@ class _Loader:
                     helps=("give one of them another name",),
                 )
                 continue
-            loaded_file, fresh = self._import(importer, imported, chain)
+            loaded_file, fresh = self._load_import(importer, imported, chain)
             importer.imports[name] = loaded_file
             if fresh and loaded_file is not None:
                 chain[_resolved(loaded_file.path)] = loaded_file
                 waiting.append(iter(loaded_file.file.imports))
 
-    def _import(
+    def _load_import(
         self, importer: LoadedFile, imported: tree.ImportDecl, chain: dict[Path, LoadedFile]
     ) -> tuple[LoadedFile | None, bool]:
-        """The imported file, None if it cannot be read; whether its imports must be followed."""
+        """Gives the imported file, None if it cannot be read; and whether to follow its imports."""
         path = importer.path.parent / imported.path
         resolved = _resolved(path)
         if resolved in chain:
@@ -462,10 +462,10 @@ class _Loader:
         text = self.reading.text(path, shown, self.diagnostics, imported.path_span)
         if text is None:
             return None, False
-        prefix = self._prefix(imported.name.text)
+        prefix = self._unused_prefix(imported.name.text)
         return self.file(path, shown, text, prefix=prefix, library=True), True
 
-    def _prefix(self, name: str) -> str:
+    def _unused_prefix(self, name: str) -> str:
         prefix, count = f"{name}.", 1
         while prefix in self._prefixes:
             count += 1

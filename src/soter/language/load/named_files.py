@@ -38,12 +38,12 @@ class ReadError(OSError):
 
 
 def read_bytes(path: Path, limit: int = TEXT_MAX, *, special: bool = False) -> bytes:
-    """The content of a file of at most `limit` bytes; raises `ReadError`.
+    """Gives the content of a file of at most `limit` bytes; raises `ReadError`.
 
     Pipes and devices are only read if `special` allows them: an import of one could wait for ever.
     A pipe without a writer is not waited for.
     """
-    with opened(path, limit, pipes=special, devices=special) as file:
+    with open_finite_file(path, limit, pipes=special, devices=special) as file:
         try:
             size = 0 if isinstance(file, io.BytesIO) else os.fstat(file.fileno()).st_size
             data = _read_at_most(file, limit + 1, size) if size <= limit else None
@@ -55,7 +55,7 @@ def read_bytes(path: Path, limit: int = TEXT_MAX, *, special: bool = False) -> b
 
 
 def _read_at_most(file: BinaryIO, most: int, size: int) -> bytes:
-    """Reads at most `most` bytes, with memory for those that are there only."""
+    """Gives at most `most` bytes of a file; takes no more memory than there are bytes."""
     parts, room = [], most
     while part := file.read(min(room, size + MIB)):
         parts.append(part)
@@ -64,17 +64,14 @@ def _read_at_most(file: BinaryIO, most: int, size: int) -> bytes:
 
 
 def read_json_text(path: Path) -> str:
-    """The text of a UTF-8 file that another command wrote; raises `ReadError`, ValueError."""
+    """Gives the text of a UTF-8 file that another command wrote; ReadError, ValueError."""
     return read_bytes(path, special=True).decode("utf-8")
 
 
-def opened(
+def open_finite_file(
     path: Path, limit: int = PIPE_MAX, *, pipes: bool = True, devices: bool = False
 ) -> BinaryIO:
-    """Opens a file that surely has an end; raises `ReadError`.
-
-    A pipe is read at once, up to `limit` bytes and one.
-    """
+    """Opens a file that surely has an end, a pipe's first `limit` bytes and one; or ReadError."""
     try:
         _require_kind(path.stat().st_mode, pipes=pipes, devices=devices)
         handle = os.open(path, os.O_RDONLY | NONBLOCK | getattr(os, "O_CLOEXEC", 0))
@@ -101,7 +98,7 @@ def _require_kind(mode: int, *, pipes: bool, devices: bool) -> None:
 
 
 def _read_pipe(handle: int, most: int) -> bytes:
-    """Reads at most `most` bytes from a pipe, and closes its handle."""
+    """Gives at most `most` bytes of a pipe, and closes its handle."""
     with os.fdopen(handle, "rb", buffering=0) as pipe:
         first = pipe.read(most)  # None: there is a writer, but nothing yet
         if first == b"":
@@ -114,7 +111,7 @@ def _read_pipe(handle: int, most: int) -> bytes:
 
 
 def beside(path: Path, name: str) -> Path | None:
-    """The path of file `name` in the folder of `path`, as `path` is written.
+    """Gives the path of file `name` in the folder of `path`, as `path` is written.
 
     None if it leads out of that folder; but a link may lead into the folder of the file that `path`
     itself is a link to.
@@ -129,17 +126,17 @@ def beside(path: Path, name: str) -> Path | None:
 
 
 def near_name_helps(path: Path) -> tuple[str, ...]:
-    """A help line for a missing file: a file with a similar name, or that the folder is missing."""
+    """Gives help for a missing file: a similar name, or that the folder is missing."""
     try:
         with os.scandir(path.parent) as entries:
-            names = sorted(entry.name for entry in entries if _leads_to_a_file(entry))
+            names = sorted(entry.name for entry in entries if _is_file_entry(entry))
     except (OSError, ValueError):
         return (f"there is no folder `{path.parent}`",)
     close = closest(path.name, names)
     return (f"did you mean `{path.parent / close[0]}`?",) if close else ()
 
 
-def _leads_to_a_file(entry: os.DirEntry[str]) -> bool:
+def _is_file_entry(entry: os.DirEntry[str]) -> bool:
     try:
         return entry.is_file()
     except OSError:  # for instance links in a circle
@@ -147,7 +144,7 @@ def _leads_to_a_file(entry: os.DirEntry[str]) -> bool:
 
 
 def parse_json(text: str | bytes) -> Any:  # noqa: ANN401  any JSON document
-    """The JSON document; ValueError if it is none or repeats a name, RecursionError if too deep."""
+    """The JSON document; ValueError if it is none or repeats a name, RecursionError if deep."""
     return json.loads(text, object_pairs_hook=_unique_keys)
 
 
@@ -178,7 +175,7 @@ FORMS = {
 
 
 class BindingText(NamedTuple):
-    """The parts of a binding; `name`: what is meant inside the file.
+    """The parts of a binding; `name` is the function in the file.
 
     For a policy `name` is its statistics file, or which outputs it remembers, or "".
     """
@@ -194,32 +191,32 @@ class BindingText(NamedTuple):
 
     @property
     def in_python(self) -> bool:
-        """Whether Python answers, as for every binding but one to linked C."""
+        """Whether Python answers, which is so for every binding but linked C."""
         return self.kind != "c"
 
     @property
     def files(self) -> tuple[str, ...]:
-        """All files that the binding names."""
+        """Gives all files that the binding names."""
         return (self.file, self.name) if self.statistics else (self.file,)
 
     @property
     def statistics(self) -> str:
-        """The file of a policy's statistics; "" where none is named."""
+        """Gives the name of a policy's statistics file; "" if none is named."""
         named = self.kind == "sb3" and self.name != NO_STATISTICS
         return self.name if named else ""
 
     @property
     def remembered(self) -> str:
-        """The pairs `input=output` by which an ONNX policy remembers outputs; "" for none."""
+        """Gives the pairs `input=output` by which an ONNX policy remembers outputs; or ""."""
         return ",".join(part for part in self.name.split(",") if part != CLIP)
 
     @property
-    def clips(self) -> bool:
-        """Whether the answer of an ONNX file is put into the sets of its topics."""
+    def is_clipped(self) -> bool:
+        """Whether an ONNX file's answer is limited to the sets of its topics."""
         return self.kind == "onnx" and CLIP in self.name.split(",")
 
     def beside(self, folder: Path) -> BindingText:
-        """The same binding with its files looked for in `folder`."""
+        """Gives the same binding with paths of its files from `folder`."""
         name = str(folder / self.name) if self.statistics else self.name
         return BindingText(self.kind, str(folder / self.file), name)
 
@@ -228,7 +225,7 @@ class BindingText(NamedTuple):
 
 
 def binding_of(text: str | None) -> BindingText | None:
-    """The parts of a text; None if it is no binding."""
+    """Gives the parts of a text; None if it is no binding."""
     parts = (text or "").split(":")
     if not all(parts) or parts[0] not in FORMS:
         return None

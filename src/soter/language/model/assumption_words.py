@@ -64,10 +64,10 @@ WORDS = {
 
 
 def in_words(kind: str, *about: object) -> str:
-    """The text of an assumption of a kind of `WORDS`; `about`: what its places stand for."""
+    """Gives the text of an assumption of a kind of `WORDS`; `about` fills its places."""
     return WORDS[kind].format(*about)
 
 
 def numbered_assumptions(*lists: Iterable[str]) -> dict[str, str]:
-    """Each text with its number, A1, A2, ...: the first list in its order, then what others add."""
+    """Gives text -> number (A1, A2, ...): the first list in order, then what others add."""
     return {text: f"A{k}" for k, text in enumerate(dict.fromkeys(chain(*lists)), 1)}

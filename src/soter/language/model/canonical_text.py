@@ -25,11 +25,10 @@ PLAIN = (bool, int, float, str, bytes, type(None))
 
 
 def canonical_text(of: object, instead: Callable[[object], object] = lambda part: part) -> str:
-    """The text of a record with all of its parts, in declared order; sets are sorted.
+    """Gives the text of a record with all of its parts, in declared order; sets are sorted.
 
-    A record that stands in it again is a number there, so that the text of a graph ends.
-    `instead`: gives for each part what is put down in its place. TypeError for a part whose text
-    might leave something out.
+    A record that occurs again becomes a number, so that the text of a graph ends. `instead` gives
+    for each part what is written for it. TypeError for a part whose text might be incomplete.
     """
     numbers: dict[int, int] = {}
     kept: list[object] = []  # so that no number of an object is given to another one

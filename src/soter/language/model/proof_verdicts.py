@@ -20,12 +20,12 @@ class Proof:
     assumptions: tuple[str, ...]
 
     def of(self, verdict: str, *names: str) -> list[str]:
-        """Those of the properties `names` (without names: of all) that have this verdict."""
+        """Gives those of the properties `names` (or of all) that have this verdict."""
         return [n for n, v in self.verdicts.items() if v == verdict and (not names or n in names)]
 
     @property
     def open(self) -> list[str]:
-        """The properties that safety needs and that are neither proved nor a told assumption."""
+        """Gives the properties that safety needs, and that are neither proved nor assumed."""
         return [
             n
             for n, v in self.verdicts.items()

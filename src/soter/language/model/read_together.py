@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 def apart_at_most(system: System, topics: Iterable[int]) -> list[tuple[int, int, int]]:
-    """Pairs of these topics, and how many ns their stamps may differ."""
+    """Gives pairs of these topics, and how many ns their stamps may differ."""
     limited = [i for i in topics if system.topics[i].max_age_ns is not None]
     instants = {
         index: (c.period_ns, c.phase_ns)
@@ -50,7 +50,7 @@ def apart_at_most(system: System, topics: Iterable[int]) -> list[tuple[int, int,
 
 
 def permits_together(system: System, module: Module) -> typed.TypedExpr:
-    """What a module's shield permits, on reads that are no further apart than they may be."""
+    """Gives a shield's `permits`, and that its reads are as close in time as they must be."""
     assert module.shield is not None
     assert module.shield.permits is not None
     span, permits = module.symbol.span, module.shield.permits

@@ -37,15 +37,15 @@ class Bound:
 
     @property
     def singles(self) -> tuple[float, float]:
-        """For each end the nearest float32 if that lies outside, else the end itself.
+        """Gives for each end the nearest float32 if that lies outside, else the end itself.
 
-        So far beyond an end a float32 is still that end (docs/decisions.md, 257).
+        A float32 so far beyond an end still counts as that end (docs/decisions.md, 257).
         """
         return min(self.low, _to_float32(self.low)), max(self.high, _to_float32(self.high))
 
 
 def _to_float32(number: float) -> float:
-    """The nearest float32; the number itself if it is too large for one."""
+    """Gives the nearest float32; the number itself if it is too large for one."""
     try:
         nearest: float = struct.unpack("<f", struct.pack("<f", number))[0]
     except OverflowError:
@@ -83,7 +83,7 @@ class Topic:
 
     @property
     def source(self) -> int:
-        """Its index; for a queue that of the topic that fills it."""
+        """Gives the index of the topic; for a queue that of the topic that fills it."""
         return self.index if self.queue_of is None else self.queue_of
 
 
@@ -187,34 +187,34 @@ class Component:
 
     @property
     def extern(self) -> bool:
-        """Whether the step is done by a driver, not by Soter code."""
+        """Whether a driver does the step, and not Soter code."""
         return bool(self.node and self.node.extern) or bool(self.plant and self.plant.extern)
 
     @property
     def in_thread(self) -> bool:
-        """Whether it runs in the thread of the trusted part: Soter code, or taken in (`inline`)."""
+        """Whether it runs in the thread of the trusted part: Soter code, or an `inline` extern."""
         return self.plant is None and (self.inline or not self.extern)
 
     @property
     def variables(self) -> tuple[Variable, ...]:
-        """What it keeps from one step to the next: a node's locals, a plant's states."""
+        """The variables that keep their values between steps: locals, or states of a plant."""
         return self.node.locals if self.node else self.plant.states if self.plant else ()
 
     @property
     def published(self) -> list[TopicSymbol]:
-        """The topics that it publishes or drives, as symbols of its declaration."""
+        """Gives the topics that it publishes or drives, as symbols of its declaration."""
         if self.plant is not None:
             return [t for t, _ in self.plant.drives]
         return [] if self.node is None else list(self.node.publishes)
 
     @property
     def writes(self) -> list[int]:
-        """The topics that it publishes or drives, as indices of `System.topics`."""
+        """Gives the topics that it publishes or drives, as indices of `System.topics`."""
         return [self.scope.topics[t] for t in self.published]
 
     @property
     def reads(self) -> list[int]:
-        """Topics of the system that a plant reads, or a node subscribes to; none of a DM."""
+        """Gives topics of the system that a plant reads, or a node subscribes to; none of a DM."""
         if self.plant is not None:
             return [self.scope.topics[t] for t in self.plant.reads]
         return (
@@ -243,7 +243,7 @@ class Shield:
 
     @property
     def code(self) -> list[TypedExpr]:
-        """The expressions of the shield that are computed."""
+        """Gives the expressions of the shield that are computed by now."""
         return [e for e in (self.held, self.permits, self.moved) if e is not None]
 
 
@@ -306,17 +306,17 @@ class Module:
 
     @property
     def reads(self) -> tuple[int, ...]:
-        """All topics that its DM reads: `inputs`, and the acknowledgement."""
+        """Gives all topics that its DM reads: `inputs`, and the acknowledgement."""
         if self.acknowledgement is None or self.acknowledgement in self.inputs:
             return self.inputs
         return (*self.inputs, self.acknowledgement)
 
     def looks_left(self, *, unsafe: bool, safer: bool) -> int:
-        """How many periods AC surely keeps control from a DM step on; with `unsafe` none."""
+        """Gives for how many periods AC surely keeps control from a DM step on; 0 if `unsafe`."""
         return 0 if unsafe else self.looks if safer else 1
 
     def margin_ns(self, looks: int, age_ns: int) -> int:
-        """The ns that are left of `looks` periods `age_ns` after the DM's step; 0 or more."""
+        """How many ns of `looks` periods are left, `age_ns` after the DM's step; 0 or more."""
         return max(looks * self.period_ns - self.late_ns - age_ns, 0)
 
 
@@ -511,16 +511,16 @@ class System:
         return any(c.wcet_ns is not None or c.jitter_ns for c in self.components)
 
     def topic(self, name: str) -> Topic:
-        """The topic with this full name; KeyError when there is none."""
+        """Gives the topic with this full name; KeyError if there is none."""
         return {t.name: t for t in self.topics}[name]
 
     def component(self, name: str) -> Component:
-        """The component with this full name; KeyError when there is none."""
+        """Gives the component with this full name; KeyError if there is none."""
         return {c.name: c for c in self.components}[name]
 
 
 def environment_topics(system: System) -> tuple[int, ...]:
-    """Indices of topics that only the environment sets: input topics, and what a driver draws."""
+    """Gives indices of topics that only the environment sets: inputs, and what a driver draws."""
     drawn = {d.topic for d in system.inputs}
     return tuple(
         [
@@ -532,13 +532,13 @@ def environment_topics(system: System) -> tuple[int, ...]:
 
 
 def queues_of(system: System, component: Component) -> tuple[int, ...]:
-    """The queues that a node reads, as topic indices."""
+    """Gives the queues that a node reads, as topic indices."""
     if component.node is None:
         return ()
     read = [component.scope.topics[s.topic] for s in component.node.subscribes]
     return tuple([i for i in read if system.topics[i].queue_of is not None])
 
 
-def holder_of(module: Module) -> str:
-    """The name of the sub-system that a module is in; "" for none."""
+def name_of_subsystem(module: Module) -> str:
+    """Gives the name of the sub-system that a module is in; "" if it is in none."""
     return module.name.rpartition(".")[0]

@@ -41,14 +41,14 @@ PARTS_MAX = 16
 
 @cache
 def _part_names(kind: type) -> tuple[str, ...]:
-    """The fields of a class that may hold parts of a node."""
+    """Gives the fields of a class that may hold parts of a node."""
     if issubclass(kind, typed.Literal):
         return ()  # a literal's value may be large, and is no code
     return tuple(n for n in getattr(kind, "__dataclass_fields__", {}) if n not in _SKIPPED)
 
 
 def children(node: object) -> list[object]:
-    """Direct typed sub-nodes of an expression, statement or place, in written order."""
+    """Gives the typed nodes directly below an expression, statement or place, in written order."""
     sub_nodes: list[object] = []
     kind: Any = type(node)
     for name in _part_names(kind):
@@ -67,7 +67,7 @@ def children(node: object) -> list[object]:
 
 
 def nodes(roots: Iterable[object]) -> Iterator[object]:
-    """Every typed node below `roots`, each before its parts, in written order."""
+    """Yields every typed node below `roots`, each before its parts, in written order."""
     todo = list(roots)
     todo.reverse()
     while todo:
@@ -77,9 +77,9 @@ def nodes(roots: Iterable[object]) -> Iterator[object]:
 
 
 def rewritten(node: Any, instead: Callable[[Any], Any]) -> Any:  # noqa: ANN401 - any part of a tree
-    """Code in which `instead` has replaced expressions, which have no effects.
+    """Gives code in which `instead` has replaced expressions, which have no effects.
 
-    `instead` is called with each expression, parts before the whole, and returns it or another.
+    `instead` is called with each expression, parts before the whole, and gives it or another.
     """
     if isinstance(node, tuple):
         parts_ = tuple(rewritten(x, instead) for x in node)
@@ -94,12 +94,12 @@ def rewritten(node: Any, instead: Callable[[Any], Any]) -> Any:  # noqa: ANN401 
 
 
 def calls_in(*roots: object) -> list[typed.TypedCall]:
-    """All calls of declared functions below `roots`."""
+    """Gives all calls of declared functions below `roots`."""
     return [n for n in nodes(roots) if isinstance(n, typed.TypedCall)]
 
 
 def topic_reads(*roots: object) -> dict[typed.TopicSymbol, typed.TypedExpr]:
-    """Topic -> the first expression below `roots` that reads it."""
+    """Gives topic -> the first expression below `roots` that reads it."""
     read_by_topic: dict[typed.TopicSymbol, typed.TypedExpr] = {}
     for node in nodes(roots):
         if isinstance(node, (typed.TopicRead, typed.AgeRead)):
@@ -108,7 +108,7 @@ def topic_reads(*roots: object) -> dict[typed.TopicSymbol, typed.TypedExpr]:
 
 
 def mode_reads(*roots: object) -> dict[typed.ModuleSymbol | str, typed.TypedExpr]:
-    """Module -> the first expression below `roots` that reads its mode or margin."""
+    """Gives module -> the first expression below `roots` that reads its mode or margin."""
     read_by_module: dict[typed.ModuleSymbol | str, typed.TypedExpr] = {}
     for node in nodes(roots):
         if isinstance(node, (typed.ModeRead, typed.MarginRead)):
@@ -117,12 +117,12 @@ def mode_reads(*roots: object) -> dict[typed.ModuleSymbol | str, typed.TypedExpr
 
 
 def margin_reads(*roots: object) -> set[typed.ModuleSymbol | str]:
-    """Modules whose margin is read below `roots`."""
+    """Gives the modules whose margin is read below `roots`."""
     return {n.module for n in nodes(roots) if isinstance(n, typed.MarginRead)}
 
 
 def topics_mentioned(symbol: object) -> list[typed.TopicSymbol]:
-    """Topics that a plant, a node or a module reads or writes."""
+    """Gives topics that a plant, a node or a module reads or writes."""
     if isinstance(symbol, typed.NodeSymbol):
         return [*(s.topic for s in symbol.subscribes), *symbol.publishes]
     if isinstance(symbol, typed.PlantSymbol):
@@ -135,7 +135,7 @@ def topics_mentioned(symbol: object) -> list[typed.TopicSymbol]:
 
 
 def topics_beside(system: typed.SystemSymbol) -> list[typed.TopicSymbol]:
-    """The topics that stand beside the instances of a system, wires applied."""
+    """Gives the topics of the instances of a system, as wires rename them."""
     topics: dict[typed.TopicSymbol, None] = {}
     for instance in system.instances:
         if isinstance(instance.what, typed.SystemSymbol):
@@ -147,23 +147,23 @@ def topics_beside(system: typed.SystemSymbol) -> list[typed.TopicSymbol]:
 
 
 def chooses(*roots: object) -> bool:
-    """Whether anything below `roots` is a `choose`."""
+    """Whether code below `roots` has a `choose`."""
     return any(isinstance(n, typed.TypedChoose) for n in nodes(roots))
 
 
 def plant_code(plant: typed.PlantSymbol) -> list[typed.TypedExpr]:
-    """Every expression that a step of a plant evaluates."""
+    """Gives every expression that a step of a plant evaluates."""
     lets, drives = [e for _, e in plant.lets], [e for _, e in plant.drives]
     return [*lets, *plant.next.values(), *plant.der.values(), *drives]
 
 
 def chosen_lets(plant: typed.PlantSymbol) -> tuple[typed.Variable, ...]:
-    """The lets of a plant that choose: they are evaluated once a step, and hold for all of it."""
+    """Gives the lets of a plant with a `choose`: they are evaluated once a step."""
     return tuple([v for v, e in plant.lets if chooses(e)])
 
 
 def first_lets(plant: typed.PlantSymbol) -> tuple[tuple[typed.Variable, typed.TypedExpr], ...]:
-    """The lets that a step evaluates first: all up to the last one that chooses."""
+    """Gives the lets that a step evaluates first: all up to the last one that chooses."""
     last = max((i for i, (_, e) in enumerate(plant.lets) if chooses(e)), default=-1)
     return plant.lets[: last + 1]
 
@@ -217,7 +217,7 @@ def count_costs(program: typed.TypedProgram, diagnostics: Diagnostics) -> None:
 
 
 def cost_of(fun: typed.FunSymbol) -> typed.Cost:
-    """The cost of a call of a checked function."""
+    """Gives the cost of a call of a checked function."""
     counter = _Counter(Diagnostics())
     counter.count_function(fun)
     return counter.costs[fun]
@@ -233,7 +233,7 @@ class _Counter:
         self._said = False
 
     def node(self, node: typed.NodeSymbol) -> typed.Cost:
-        """The cost of a step of a node, and of its takeover."""
+        """Gives the cost of a step of a node, and of its takeover."""
         kept = [v.type for v in node.locals] + [t for _, t in node.answers]
         size = BYTES * sum(leaf_count(t) for t in kept)
         body = (*(node.takeover or ()), *node.step)
@@ -246,7 +246,7 @@ class _Counter:
         self.expressions(plant_code(plant), f"`{plant.name}`", plant.span)
 
     def module(self, module: typed.ModuleSymbol) -> typed.Cost:
-        """The cost of a decision; code that only a proof evaluates is compared with the limit."""
+        """The cost of a decision; compares code that only a proof evaluates with the limit."""
         decided = [e for e in (module.ttf, module.safer) if e is not None]
         others = [e for e in module.expressions if e not in decided]
         blocks = (module.verify, *(v.block for v in module.verify.views))
@@ -257,7 +257,7 @@ class _Counter:
         return cost
 
     def count_function(self, root: typed.FunSymbol) -> None:
-        """Counts a function and before it all that it calls, however deep that nests."""
+        """Counts the cost of a function, after that of all functions that it calls."""
         path = [(root, iter(_callees(root)))]
         while path:
             fun, callees = path[-1]
@@ -275,7 +275,7 @@ class _Counter:
     def body(
         self, body: Sequence[typed.TypedStmt], owner: str, span: Span, size: int
     ) -> typed.Cost:
-        """The cost of a body, whose other values have `size` bytes.
+        """Gives the cost of a body, whose other values have `size` bytes.
 
         A cost over the limit is reported once for a chain of calls and loops.
         """
@@ -293,7 +293,7 @@ class _Counter:
         )
 
     def expressions(self, exprs: Iterable[typed.TypedExpr], owner: str, span: Span) -> typed.Cost:
-        """The cost of evaluating all of the expressions."""
+        """Gives the cost of evaluating all of the expressions."""
         return self.body([typed.TypedReturn(e.span, e) for e in exprs], owner, span, 0)
 
     def _limited(self, count: int, owner: str, span: Span) -> int:
@@ -331,7 +331,7 @@ class _Counter:
         return self._limited(times * (start + self._block(s.body)), "this loop", s.span)
 
     def _expr(self, e: object) -> int:
-        """Operations of an expression, or of the path of a place."""
+        """Gives how many operations an expression takes, or the path of a place."""
         if isinstance(e, typed.Conditional):
             sides = (self._expr(e.then), self._expr(e.otherwise))
             return 1 + self._expr(e.condition) + max(sides)
@@ -371,20 +371,20 @@ def _count_text(count: int) -> str:
 
 
 def joined(op: str, parts: Sequence[typed.TypedExpr], span: Span) -> typed.TypedExpr:
-    """The parts joined by `op`; without parts true for `&&`, false for `||`."""
+    """Gives the parts joined by `op`; without parts true for `&&`, false for `||`."""
     if not parts:
         return typed.Literal(BOOL, span, op == "&&")
     return reduce(lambda a, b: typed.TypedBinary(BOOL, span, op, a, b), parts)
 
 
 def conjuncts(predicate: typed.TypedExpr) -> list[typed.TypedExpr]:
-    """The expressions whose conjunction is the predicate, left to right, at most `PARTS_MAX`."""
+    """Gives the expressions whose conjunction is the predicate; itself if over `PARTS_MAX`."""
     parts = _parts(predicate)
     return parts if len(parts) <= PARTS_MAX else [predicate]
 
 
 def disjuncts(predicate: typed.TypedExpr) -> list[typed.TypedExpr]:
-    """The expressions whose disjunction is the predicate: from `a || b`, and `!e` by De Morgan."""
+    """Gives the expressions of which the predicate is the disjunction; `!(a && b)` has two, too."""
     inner = returned(predicate) if isinstance(predicate, typed.TypedCall) else None
     if inner is not None and len(parts := disjuncts(inner)) > 1:
         return parts
@@ -396,7 +396,7 @@ def disjuncts(predicate: typed.TypedExpr) -> list[typed.TypedExpr]:
 
 
 def premise_of(predicate: typed.TypedExpr) -> typed.TypedExpr | None:
-    """The p of an implication `!p || q`, `q || !p` or `p ? q : true`; None for any other."""
+    """Gives the p of an implication `!p || q`, `q || !p` or `p ? q : true`; None for any other."""
     e = returned(predicate) if isinstance(predicate, typed.TypedCall) else predicate
     if isinstance(e, typed.Conditional) and isinstance(e.otherwise, typed.Literal):
         return e.condition if e.otherwise.value is True else None
@@ -419,7 +419,7 @@ def _parts(e: typed.TypedExpr) -> list[typed.TypedExpr]:
 
 
 def returned(call: typed.TypedCall) -> typed.TypedExpr | None:
-    """The expression that a call stands for if its function is one `return` only; else None."""
+    """Gives the expression that a call stands for if its function is only a `return`; or None."""
     body = call.fun.body
     if body is None or len(body) != 1 or not isinstance(body[0], typed.TypedReturn):
         return None
@@ -438,9 +438,9 @@ def same_expression(a: typed.TypedExpr, b: typed.TypedExpr) -> bool:
 
 
 def _structure_of(e: Any) -> object:  # noqa: ANN401 - any part of an expression
-    """The structure of an expression without its place, to be compared.
+    """Gives the structure of an expression without its place, to be compared.
 
-    That of a choice, or of an extern's answer, equals no other.
+    The structure of a choice, or of an extern's answer, equals no other.
     """
     if isinstance(e, typed.TypedChoose) or (isinstance(e, typed.TypedCall) and _may_differ(e.fun)):
         return object()

@@ -456,18 +456,18 @@ class NodeSymbol(Symbol):
 
     @property
     def answers(self) -> list[tuple[str, Type]]:
-        """Short name and type of each output that an extern node answers; a burst is a list."""
-        return [(t.name.rpartition(".")[2], self.given(t)) for t in self.publishes]
+        """Short name and type of each output that an extern node answers; a list for a burst."""
+        return [(t.name.rpartition(".")[2], self.answer_type(t)) for t in self.publishes]
 
-    def given(self, topic: TopicSymbol) -> Type:
-        """The type of what a step gives for a topic: the topic's own, or a list for a burst."""
+    def answer_type(self, topic: TopicSymbol) -> Type:
+        """The type of what a step publishes on a topic: the topic's, or a list for a burst."""
         limit = self.bursts.get(topic)
         return topic.type if limit is None else ListType(topic.type, limit)
 
-    def doing(
+    def node_that_does(
         self, step: tuple[TypedStmt, ...], subscribes: tuple[Subscribed, ...] = ()
     ) -> NodeSymbol:
-        """A node of this name that does `step` and has no locals, to stand for this one."""
+        """Gives a node of this name that does `step` and has no locals, in place of this one."""
         return replace(
             self,
             extern=False,
@@ -667,28 +667,28 @@ class ModuleSymbol(Symbol):
 
     @property
     def own(self) -> tuple[NodeSymbol, ...]:
-        """Its controllers, AC and SC."""
+        """Gives the controllers of the module, AC and SC."""
         return self.ac, self.sc
 
     @property
     def named(self) -> tuple[NodeSymbol, ...]:
-        """The nodes of the program that it is made of: its controllers, or its plans."""
+        """Gives the nodes that the program names for the module: its controllers, or its plans."""
         return (self.ac, *(self.plans or (self.sc,)))
 
     @property
     def acknowledgements(self) -> tuple[TopicSymbol, ...]:
-        """The topic that releases its latch, or ()."""
+        """Gives the topic that releases its latch, or ()."""
         topic = None if self.latch is None else self.latch.topic
         return () if topic is None else (topic,)
 
     @property
     def moved(self) -> tuple[TopicSymbol, ...]:
-        """The topics that SC still moves once `rest` holds."""
+        """Gives the topics that SC still moves once `rest` holds."""
         return () if self.rest is None else tuple(m.topic for m in self.rest.moves)
 
     @property
     def stays(self) -> str:
-        """The clause by which SC may keep control for ever; "" where there is none."""
+        """Gives the clause by which SC may keep control for ever; "" without one."""
         if self.latch is not None and self.latch.topic is None:
             return "returns never"
         return "recover never" if self.verify.stays is not None else ""
@@ -700,13 +700,13 @@ class ModuleSymbol(Symbol):
 
     @property
     def predicates(self) -> tuple[TypedExpr, ...]:
-        """Its predicates over topics: `safe`, `ttf`, `safer` and the hint `core`, those it has."""
+        """Gives `safe`, `ttf`, `safer` and the hint `core` of the module, those it has."""
         predicates = (self.safe, self.ttf, self.safer, self.verify.core)
         return tuple(e for e in predicates if e is not None)
 
     @property
     def predicates_and_lemmas(self) -> tuple[TypedExpr, ...]:
-        """`predicates`, and those of lemmas, `progress`, `enters` and `rest`."""
+        """Gives `predicates`, and the conditions of lemmas, `progress`, `enters` and `rest`."""
         verify = self.verify
         enters = () if verify.enters is None else (verify.enters,)
         rest = () if self.rest is None else (self.rest.condition,)
@@ -714,7 +714,7 @@ class ModuleSymbol(Symbol):
 
     @property
     def expressions(self) -> tuple[TypedExpr, ...]:
-        """Every expression that names topics: those above, and the conditions of the contract."""
+        """Gives `predicates_and_lemmas`, and the conditions of the contract."""
         return (*self.predicates_and_lemmas, *(c.condition for c in self.contract))
 
 
@@ -914,7 +914,7 @@ class SystemSymbol(Symbol):
 
     @cached_property
     def by_name(self) -> dict[str, InstanceSymbol]:
-        """Its instances by their names."""
+        """Gives name -> instance."""
         return {i.name: i for i in self.instances}
 
 
@@ -980,7 +980,7 @@ class TypedProgram(Shown):
 
     @property
     def externs(self) -> tuple[str, ...]:
-        """Names of the nodes, plants and functions that the program leaves to Python or C."""
+        """Gives names of the nodes, plants and functions that are written in Python or C."""
         tables: list[dict[str, Any]] = [self.nodes, self.plants, self.funs]
         return tuple([name for table in tables for name, s in table.items() if s.extern])
 

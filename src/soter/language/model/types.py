@@ -115,7 +115,7 @@ class RecordType(Type):
         return "{ " + ", ".join(f"{n}: {t}" for n, t in self.fields) + " }"
 
     def index(self, name: str) -> int | None:
-        """Position of the field called `name`, or None."""
+        """Gives the position of the field called `name`, or None."""
         return next((i for i, (n, _) in enumerate(self.fields) if n == name), None)
 
 
@@ -159,7 +159,7 @@ MODE = EnumType("Mode", ("SC", "AC"))
 
 
 def default_value(t: Type) -> Value:
-    """The default of a type: zero, false, the first member, the in-range int nearest zero."""
+    """Gives the default of a type: zero, false, the first member, the in-range int nearest zero."""
     if isinstance(t, BoolType):
         return False
     if isinstance(t, IntType):
@@ -179,7 +179,7 @@ def default_value(t: Type) -> Value:
 
 
 def with_unit(t: Type, unit: str) -> Type:
-    """The same type, in which every number without a unit has this one."""
+    """Gives the same type with this unit for every number that has none."""
     if isinstance(t, (FloatType, IntType)):
         return t if t.unit else replace(t, unit=unit)
     if isinstance(t, RecordType):
@@ -204,7 +204,7 @@ def is_vector_part(t: Type) -> bool:
 def leaves(
     t: Type, path: tuple[str, ...] = (), *, whole_lists: bool = False
 ) -> Iterator[tuple[tuple[str, ...], Type]]:
-    """All scalar leaves with their paths, in declared order; list elements count once as `[]`.
+    """Yields all scalar leaves with their paths, in declared order; `[]` for a list's elements.
 
     With `whole_lists` a list is a leaf.
     """
@@ -221,12 +221,12 @@ def leaves(
 
 
 def leaf_name(name: str, path: Iterable[str]) -> str:
-    """The name of a leaf in programs, `j.q[0]`; streams of draws say `j.q.[0]` (semantics.md)."""
+    """Gives the name of a leaf in programs, `j.q[0]`; draws call it `j.q.[0]` (semantics.md)."""
     return ".".join((name, *path)).replace(".[", "[")
 
 
 def positions(t: Type, path: Iterable[str]) -> list[int]:
-    """A path of `leaves` as positions in a value, from the outside in."""
+    """Gives the positions of fields and elements along a path of `leaves`."""
     found: list[int] = []
     for part in path:
         if isinstance(t, RecordType):
@@ -248,7 +248,7 @@ def has_list(t: Type) -> bool:
 
 
 def leaf_count(t: Type) -> int:
-    """Number of scalar leaves of a full value; lists count their capacity and their length."""
+    """Gives how many scalar leaves a full value has; a list has its capacity and its length."""
     if isinstance(t, RecordType):
         return t.scalars
     if isinstance(t, ArrayType):
@@ -259,7 +259,7 @@ def leaf_count(t: Type) -> int:
 
 
 def numbers_in(value: Value) -> Iterator[float]:
-    """The numbers of a value that is made of floats, in declared order."""
+    """Yields the numbers of a value that is made of floats, in declared order."""
     if isinstance(value, tuple):
         for part in value:
             yield from numbers_in(part)
@@ -267,12 +267,12 @@ def numbers_in(value: Value) -> Iterator[float]:
         yield value
 
 
-def made_of(t: Type, numbers: Iterator[float]) -> Value:
-    """The value of a type without lists that has these numbers, in declared order."""
+def value_of_numbers(t: Type, numbers: Iterator[float]) -> Value:
+    """Gives the value of a type without lists that has these numbers, in declared order."""
     if isinstance(t, RecordType):
-        return tuple([made_of(f, numbers) for _, f in t.fields])
+        return tuple([value_of_numbers(f, numbers) for _, f in t.fields])
     if isinstance(t, ArrayType):
-        return tuple([made_of(t.element, numbers) for _ in range(t.size)])
+        return tuple([value_of_numbers(t.element, numbers) for _ in range(t.size)])
     return next(numbers)
 
 
@@ -289,7 +289,7 @@ UNITS = (("s", 10**9), ("ms", 10**6), ("us", 10**3), ("ns", 1))
 
 
 def _number_and_unit(ns: int) -> tuple[str, str]:
-    """The exact number and its unit, the largest one that is not larger than the duration."""
+    """Gives an exact number and a unit, the largest that is not above the duration."""
     if ns and ns % HOUR == 0:
         return f"{ns // HOUR}", "h"
     for unit, size in UNITS:
@@ -301,12 +301,12 @@ def _number_and_unit(ns: int) -> tuple[str, str]:
 
 
 def show_ns(ns: int) -> str:
-    """A duration in a sentence: `10 ms`, `1.5 us`, `0 s`."""
+    """Gives a duration in a sentence: `10 ms`, `1.5 us`, `0 s`."""
     return " ".join(_number_and_unit(ns))
 
 
 def write_ns(ns: int) -> str:
-    """A duration as Soter source: `10ms`, `1.5us`."""
+    """Gives a duration as Soter source: `10ms`, `1.5us`."""
     return "".join(_number_and_unit(ns))
 
 

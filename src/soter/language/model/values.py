@@ -88,7 +88,7 @@ class Table(Sequence[Value]):
 
     @classmethod
     def of(cls, element: Type, values: Iterable[Value]) -> Table:
-        """The table of these values."""
+        """Gives the table of these values."""
         row, flat = struct.Struct("<" + _struct_format(element)), _flattener(element)
         return cls(element, b"".join([row.pack(*flat(v)) for v in values]))
 
@@ -98,7 +98,7 @@ class Table(Sequence[Value]):
         return is_vector_part(self.element)
 
     def first_not_finite(self) -> int | None:
-        """Index of the first element with a NaN or an infinity; None if there is none."""
+        """Gives the index of the first element with a NaN or an infinity; or None."""
         rows = enumerate(self._row.iter_unpack(self.packed))
         return next((at for at, leaves in rows if not all(map(math.isfinite, leaves))), None)
 
@@ -125,7 +125,7 @@ class Table(Sequence[Value]):
 
     @property
     def sha256(self) -> str:
-        """SHA-256 over the packed bytes, by which tables are stored and compared."""
+        """Gives the SHA-256 of the packed bytes, by which tables are stored and compared."""
         if not self._sha256:
             self._sha256 = hashlib.sha256(self.packed).hexdigest()
         return self._sha256
@@ -143,7 +143,7 @@ class Table(Sequence[Value]):
 
 
 def _struct_format(t: Type) -> str:
-    """How `struct` packs the leaves of a value."""
+    """Gives the format by which `struct` packs the leaves of a value."""
     if isinstance(t, RecordType):
         return "".join(_struct_format(f) for _, f in t.fields)
     if isinstance(t, ArrayType):
@@ -155,7 +155,7 @@ def _struct_format(t: Type) -> str:
 
 
 def _value_reader(t: Type) -> Callable[[Iterator[Value]], Value]:
-    """The function from an iterator over a value's leaves, in order, to the value."""
+    """Gives a function that makes a value from an iterator over its leaves, in order."""
     if isinstance(t, RecordType):
         readers = [_value_reader(f) for _, f in t.fields]
         return lambda leaves: tuple([read(leaves) for read in readers])
@@ -176,7 +176,7 @@ def _value_reader(t: Type) -> Callable[[Iterator[Value]], Value]:
 
 
 def _flattener(t: Type) -> Callable[[Value], list[Value]]:
-    """The function from a value to the list of its leaves, in order."""
+    """Gives the function from a value to the list of its leaves, in order."""
     if isinstance(t, RecordType):
         parts = [_flattener(f) for _, f in t.fields]
         return lambda v: [x for part, each in zip(parts, v, strict=True) for x in part(each)]
@@ -199,7 +199,7 @@ def _flattener(t: Type) -> Callable[[Value], list[Value]]:
 
 
 def _zeros(t: Type) -> list[Value]:
-    """A list of as many zeros as a value has leaves in a table."""
+    """Gives a list of as many zeros as a value has leaves in a table."""
     if isinstance(t, RecordType):
         return [x for _, f in t.fields for x in _zeros(f)]
     if isinstance(t, ArrayType):
@@ -230,7 +230,7 @@ class ValueStructureError(ValueShapeError):
 
 
 def to_python(t: Type, value: Value, record: Callable[..., Any] = SimpleNamespace) -> Any:  # noqa: ANN401
-    """The value in the form that users' Python gets; for any type of Soter.
+    """Gives the value in the form that users' Python gets; for any type of Soter.
 
     Records become namespaces, or what `record` makes of their fields; arrays and lists of (arrays
     of) floats NumPy arrays, other arrays and lists Python lists, enums the name of the member,
@@ -266,7 +266,7 @@ def _block_shape(t: Type) -> tuple[int, ...]:
 
 
 def from_python(t: Type, value: object, path: str = "") -> Value:
-    """The Soter value that `value` stands for; raises `ValueShapeError`.
+    """Gives the Soter value that `value` stands for; raises `ValueShapeError`.
 
     Floats: anything with `__float__`, but no array with dimensions. Ints: anything with
     `__index__`, in the type's range. Bools: bools. Enums: the name of a member. Records: a
@@ -339,7 +339,7 @@ def _record_from(t: RecordType, value: object, path: str) -> Value:
 
 
 def _is_sequence(value: object) -> bool:
-    """Whether it is a list, tuple, tensor or the like; a text or named tuple is none."""
+    """Whether an object is a list, tuple, tensor or the like, and no text or named tuple."""
     if isinstance(value, (str, bytes, bytearray, Mapping)) or hasattr(value, "_fields"):
         return False
     return hasattr(value, "__len__") and hasattr(value, "__getitem__")
@@ -349,16 +349,16 @@ def _is_sequence(value: object) -> bool:
 
 
 def inputs_to_python(named: Iterable[tuple[str, Type, Value]]) -> SimpleNamespace:
-    """The argument of an extern step: one attribute for each (short name, type, value)."""
+    """Gives the argument of an extern step: one attribute for each (short name, type, value)."""
     return SimpleNamespace(**{name: to_python(t, value) for name, t, value in named})
 
 
 def outputs_from_python(named: Sequence[tuple[str, Type]], answer: object) -> list[Value | None]:
-    """The values in an extern step's answer, in the order of `named`; None for one left out.
+    """Gives the values in an extern step's answer, in the order of `named`; None if left out.
 
-    A mapping from short names to values; where only one is asked for also that value itself.
-    None, as the whole answer or as a value, leaves out. Raises `ValueShapeError`,
-    `ValueStructureError` where names or counts are wrong.
+    The answer maps short names to values; for a single output it may be the value. None, as the
+    answer or a value, leaves out. Raises `ValueShapeError`, or `ValueStructureError` if names or
+    counts are wrong.
     """
     if answer is None:
         return [None] * len(named)
@@ -380,7 +380,7 @@ def outputs_from_python(named: Sequence[tuple[str, Type]], answer: object) -> li
 
 
 def to_json(t: Type, value: Value) -> Any:  # noqa: ANN401  any JSON document
-    """The value as a JSON document; records by field name, enums by member name.
+    """Gives the value as a JSON document; records by field name, enums by member name.
 
     JSON has no NaN and no infinities: they are the strings "NaN", "Infinity" and "-Infinity".
     """
@@ -396,7 +396,7 @@ def to_json(t: Type, value: Value) -> Any:  # noqa: ANN401  any JSON document
 
 
 def from_json(t: Type, json: object, path: str = "") -> Value:
-    """The value that a JSON document stands for; raises `ValueShapeError`.
+    """Gives the value that a JSON document stands for; raises `ValueShapeError`.
 
     Stricter than Python: a bool is no number, a record is an object with exactly the fields,
     and a number for a float is finite or one of the strings `to_json` writes.
@@ -436,14 +436,14 @@ def _field_path(path: str, name: str) -> str:
 def _shape_error(
     path: str, expected: str, value: object, *, parts: bool = False
 ) -> ValueShapeError:
-    """The error for `value`; `parts`: a value of several parts was expected."""
+    """Gives the error for `value`; `parts`: a value of several parts was expected."""
     structure = parts or isinstance(value, Mapping) or _is_sequence(value)
     error = ValueStructureError if structure else ValueShapeError
     return error(path, f"expected {expected}, found {_described(value)}{_shape_hint(value)}")
 
 
 def _shape_hint(value: object) -> str:
-    """A hint at what to write instead; "" if nothing is close."""
+    """Gives a hint at what to write instead; "" if nothing is close."""
     if isinstance(value, (list, tuple)) and len(value) == 1:
         return ": give its one element, `float(y[0])`"
     if isinstance(value, Mapping) and value and all(isinstance(k, str) for k in value):
@@ -471,7 +471,7 @@ def _check_keys(names: list[str], values: Mapping[Any, object], path: str) -> No
 
 
 def check_length(t: Type, length: int, path: str) -> None:
-    """`ValueStructureError` where an array or list cannot have so many elements."""
+    """Raises `ValueStructureError` if an array or list cannot have so many elements."""
     if isinstance(t, ArrayType) and length != t.size:
         raise ValueStructureError(path, f"expected {t.size} elements for `{t}`, found {length}")
     if isinstance(t, ListType) and length > t.capacity:
@@ -479,7 +479,7 @@ def check_length(t: Type, length: int, path: str) -> None:
 
 
 def without_ranges(t: Type) -> Type:
-    """The type with plain `int` for every ranged one, so that ranges are not checked."""
+    """Gives the type with plain `int` for every ranged one, so that ranges are not checked."""
     if isinstance(t, IntType):
         return INT
     if isinstance(t, RecordType):

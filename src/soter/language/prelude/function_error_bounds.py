@@ -46,7 +46,7 @@ class ErrorBound:
     """What an argument outside the domain gives; empty where there is none but NaN."""
 
     def at(self, exact: float) -> float:
-        """The bound where the exact value is `exact`, for functions without a `scale`."""
+        """Gives the bound where the exact value is `exact`, for functions without a `scale`."""
         assert not self.relative, "the scale depends on the arguments"
         return self.ulps * math.ulp(exact) + self.absolute
 

@@ -155,7 +155,7 @@ class Tokens:
 
 
 def lex(source: Source) -> Tokens:
-    """All tokens of `source`; problems are in the result, nothing is raised."""
+    """Gives all tokens of `source`; problems are in the result, nothing is raised."""
     tokens = Tokens(source)
     kinds, texts, starts, ends = tokens.kinds, tokens.texts, tokens.starts, tokens.ends
     kind_of_word = _KIND_OF_WORD.get
@@ -195,7 +195,7 @@ def lex(source: Source) -> Tokens:
     for _ in range(1 + _LOOK_AHEAD):
         tokens.add(EOF, "", len(text), len(text))
     if PUSH in kinds:
-        _push_is_a_name_elsewhere(kinds)
+        _free_push_as_name(kinds)
     if not SOFT.isdisjoint(kinds):
         _free_soft_words(kinds)
     return tokens
@@ -212,15 +212,15 @@ def _free_soft_words(kinds: list[str]) -> None:
             kinds[i] = NAME
 
 
-def _push_is_a_name_elsewhere(kinds: list[str]) -> None:
-    """Turns `push` into a name except where a statement `push list, value;` can begin."""
+def _free_push_as_name(kinds: list[str]) -> None:
+    """Turns `push` into a name, except where a statement `push list, value;` can begin."""
     for i, kind in enumerate(kinds):
         if kind == PUSH and not (i and kinds[i - 1] in ("{", "}", ";") and kinds[i + 1] == NAME):
             kinds[i] = NAME
 
 
 def string_value(text: str) -> str:
-    """The characters a string token stands for; unknown escapes keep their backslash."""
+    """Gives the characters a string token stands for; unknown escapes keep their backslash."""
     body = text[1:-1] if len(text) > 1 and text.endswith('"') else text[1:]
     if "\\" not in body:
         return body
@@ -228,7 +228,7 @@ def string_value(text: str) -> str:
 
 
 def printable(text: str, limit: int = 24) -> str:
-    """`text` made safe to quote in a message: printable, on one line, not too long."""
+    """Gives `text` safe to quote in a message: printable, on one line, not too long."""
     shown = "".join(c if c.isprintable() else _code_point(c) for c in text[:limit])
     return shown + "..." if len(text) > limit else shown
 
@@ -307,7 +307,7 @@ def _decimal_help(token: str, span: Span) -> tuple[Help, ...]:
 
 
 def period_text(rate: float) -> str:
-    """The period of a rate in Hz, as it would be written."""
+    """Gives the period of a rate in Hz, as it would be written."""
     if not 1e-3 < rate < 1e9:
         return "10ms"
     period_ms = 1e3 / rate
@@ -315,7 +315,7 @@ def period_text(rate: float) -> str:
 
 
 def _unit_help(number: str, unit: str, span: Span) -> Help | None:
-    """The help for a unit of time spelt otherwise, a suffix, or a unit of something else."""
+    """Gives help for a misspelt unit of time, a suffix, or a unit of another quantity."""
     if unit.lower() == "hz":
         period = period_text(float(number.replace("_", "")))
         return replace(span, period, f"a period is a time: `{period}`")

@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 
     @dataclass_transform(frozen_default=True, field_specifiers=(field,))
     def node(*, kw_only: bool = False) -> Callable[[type[T]], type[T]]:
-        """A dataclass with slots that is never changed, for a class below `Node`."""
+        """Gives a dataclass with slots that is never changed, for a class below `Node`."""
 
 else:
 
     def node(*, kw_only: bool = False) -> Callable[[type], type]:
-        """The same at run time, where nothing enforces that a node is never changed."""
+        """A plain dataclass with slots: at run time nothing keeps a node from being changed."""
         return dataclass(slots=True, eq=False, repr=False, kw_only=kw_only)
 
 
@@ -50,10 +50,10 @@ class Node(Shown):
     def __eq__(self, other: object) -> bool:
         if other.__class__ is not self.__class__:
             return NotImplemented
-        return parts(self) == parts(other)
+        return field_values(self) == field_values(other)
 
     def __hash__(self) -> int:
-        return hash(parts(self))
+        return hash(field_values(self))
 
 
 @cache
@@ -69,7 +69,7 @@ def _getter(of: Any) -> Callable[[object], tuple[object, ...]]:  # noqa: ANN401 
     return lambda node: tuple([getattr(node, name) for name in names])
 
 
-def parts(node: object) -> tuple[object, ...]:
-    """The fields of a node, in declared order."""
+def field_values(node: object) -> tuple[object, ...]:
+    """Gives the values of a node's fields, in declared order."""
     own: Any = type(node)
     return _getter(own)(node)

@@ -59,11 +59,11 @@ def format_source(source: Source, diagnostics: Diagnostics) -> str | None:
         if not layout.wrapped and result == text:
             break
         text = result
-    return text if _same_tokens(source, text) else source.text
+    return text if _has_same_tokens(source, text) else source.text
 
 
-def _same_tokens(source: Source, text: str) -> bool:
-    """Whether only white space has changed: a formatter must never lose a character."""
+def _has_same_tokens(source: Source, text: str) -> bool:
+    """Whether two texts differ in white space only: a formatter must never lose a character."""
     before, after = lex(source), lex(Source(source.name, text))
     return before.texts == after.texts and _comments(before) == _comments(after)
 
@@ -73,7 +73,7 @@ def _comments(tokens: Tokens) -> list[str]:
 
 
 def _comment_text(text: str) -> str:
-    """A comment without trailing white space and with plain line breaks."""
+    """Gives a comment without trailing white space and with plain line breaks."""
     return "\n".join(line.rstrip() for line in text.split("\n"))
 
 
@@ -127,25 +127,25 @@ class _Layout:
         self.blocks = set(parser.opened)
         self.tight = set(parser.tight)
         self.spaced = set(parser.spaced)
-        self.match = _closing_of(self.tokens.kinds)
+        self.match = _closing_brackets(self.tokens.kinds)
         self.frames: list[_OpenBracket] = []
         self.lines: list[_Line] = []
         self.wrapped = False
         self.boundary = True  # between two items, or at the beginning
 
     def run(self) -> str:
-        """The laid-out text."""
+        """Gives the laid-out text."""
         previous: _Element | None = None
         for element in self._elements():
             self._place(element, previous)
             if element.index >= 0:
-                self._track(element)
+                self._note_brackets(element)
             previous = element
         texts: list[str] = []
         for line in self.lines:
             if line.blank_before:
                 texts.append("")
-            texts.extend(_line_text(part) for part in self._fitted(line))
+            texts.extend(_line_text(part) for part in self._lines_within_width(line))
         return "\n".join(texts) + "\n" if texts else ""
 
     # ------------------------------------------------------------ elements
@@ -174,8 +174,8 @@ class _Layout:
             at = end
         return elements
 
-    def _track(self, element: _Element) -> None:
-        """Follows brackets that open and close, and where items end."""
+    def _note_brackets(self, element: _Element) -> None:
+        """Follows which brackets are open, and where items end."""
         kind, index = element.kind, element.index
         base = self._base_indent()
         if kind in _OPEN:
@@ -297,7 +297,7 @@ class _Layout:
         self.lines[-1].pieces.append(piece)
 
     def _break_level(self, element: _Element, previous: _Element) -> int:
-        """How good it is to break here: better with fewer open brackets and looser operators."""
+        """Gives how good a break here is: better with fewer open brackets and looser operators."""
         depth = sum(not f.block for f in self.frames) * 10
         if previous.kind == ",":
             return depth + _AFTER_COMMA
@@ -308,7 +308,7 @@ class _Layout:
         return depth + (_AFTER_ASSIGN if previous.kind == "=" else _ELSEWHERE)
 
     def _space_between(self, element: _Element, previous: _Element) -> str:
-        """The space between two elements of one line inside an item: "" or " "."""
+        """Gives the space between two elements of one line inside an item: "" or " "."""
         kind, before, index = element.kind, previous.kind, previous.index
         if index < 0:
             return " "
@@ -327,7 +327,7 @@ class _Layout:
         return " "
 
     def _belongs_to(self, bracket: _Element, previous: _Element) -> bool:
-        """Whether a bracket belongs to the element before it, as that of a call does."""
+        """Whether a bracket belongs to the element before it, as a call's does."""
         if bracket.index in self.tight:
             return True
         fun = self.tokens.kinds[previous.index - 1] == "fun"
@@ -335,11 +335,11 @@ class _Layout:
 
     # ------------------------------------------------------------ long lines
 
-    def _fitted(self, line: _Line) -> list[_Line]:
-        """The line, or the shorter lines into which it is broken."""
+    def _lines_within_width(self, line: _Line) -> list[_Line]:
+        """Gives the line, or the shorter lines into which it is broken."""
         if _line_width(line) <= WIDTH_MAX:
             return [line]
-        parts = _unfold(line)
+        parts = _lines_of_blocks(line)
         if len(parts) > 1:
             self.wrapped = True
             return parts
@@ -356,8 +356,8 @@ class _Layout:
         return [*parts, line]
 
 
-def _closing_of(kinds: list[str]) -> dict[int, int]:
-    """Token index of every closing bracket by that of the opening one."""
+def _closing_brackets(kinds: list[str]) -> dict[int, int]:
+    """Gives opening bracket -> closing bracket, as token indices."""
     stack: list[int] = []
     match: dict[int, int] = {}
     for index, kind in enumerate(kinds):
@@ -381,8 +381,8 @@ def _line_width(line: _Line) -> int:
     return line.indent + sum(len(p.space) + len(p.text) for p in pieces[:last])
 
 
-def _unfold(line: _Line) -> list[_Line]:
-    """The lines for a long line in which blocks begin and end, with these blocks spread out."""
+def _lines_of_blocks(line: _Line) -> list[_Line]:
+    """Gives the lines for a long line with whole blocks in it, each item on its own line."""
     pieces = line.pieces
     breaks: set[int] = set()
     stack: list[int] = []
@@ -435,12 +435,12 @@ _ANYTHING, _CHOICE, _COMPARING, _PREFIX, _OPERAND = 0, 1, 4, 7, 8
 
 
 def print_expr(expr: tree.SyntaxExpr) -> str:
-    """An expression as source text on one line, with no more parentheses than needed."""
+    """Gives an expression as source text on one line, with no more parentheses than needed."""
     return _expr_text(expr, _ANYTHING)
 
 
 def _expr_text(expr: tree.SyntaxExpr, outer: int) -> str:
-    """The text of `expr` inside an expression that binds as tightly as `outer`."""
+    """Gives the text of `expr` inside an expression that binds as tightly as `outer`."""
     if isinstance(expr, tree.BinaryExpr):
         binding = _BINDING[expr.op]
         left = _expr_text(expr.left, binding + 1 if binding == _COMPARING else binding)

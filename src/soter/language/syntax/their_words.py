@@ -84,19 +84,19 @@ THEIRS: Mapping[str, str] = {
 
 
 @cache
-def _any_of_them() -> re.Pattern[str]:
+def _pattern_of_words() -> re.Pattern[str]:
     words = sorted(THEIRS, key=len, reverse=True)
     return re.compile("|".join(re.escape(w) + (r"\b" if w[-1].isalnum() else "") for w in words))
 
 
 def word_at(text: str, start: int) -> str:
-    """The word of the table that stands at a place of a text; "" where none does."""
-    found = _any_of_them().match(text, start)
+    """Gives the word of the table that stands at a place of a text; "" if none does."""
+    found = _pattern_of_words().match(text, start)
     return "" if found is None else found[0]
 
 
 def helps_for(word: str, span: Span) -> tuple[Help, ...]:
-    """The edit, or the advice, that writes a word in Soter; () for a word of no row."""
+    """Gives the edit, or the advice, that writes a word in Soter; () for a word of no row."""
     ours = THEIRS.get(word)
     if ours is None:
         return ()
@@ -106,5 +106,5 @@ def helps_for(word: str, span: Span) -> tuple[Help, ...]:
 
 
 def is_shown(ours: str) -> bool:
-    """Whether what Soter has is shown, as it is too much for an edit."""
+    """Whether Soter's counterpart is too long for an edit, and so is only shown."""
     return ours[-1:] in (";", "}")

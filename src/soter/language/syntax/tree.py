@@ -19,7 +19,7 @@ class Name(Node):
 
     @property
     def word(self) -> Span:
-        """The span of the word alone; that of an element includes its index."""
+        """Gives the span of the word alone; that of an element includes its index."""
         return Span(self.span.source, self.span.start, self.span.start + len(self.text))
 
 
@@ -33,7 +33,7 @@ class Ref(Node):
 
     @property
     def text(self) -> str:
-        """The reference as written."""
+        """Gives the reference as written."""
         return f"{self.qualifier.text}.{self.name.text}" if self.qualifier else self.name.text
 
 
@@ -46,7 +46,7 @@ class DottedPath(Node):
 
     @property
     def text(self) -> str:
-        """The path as written."""
+        """Gives the path as written."""
         return ".".join(p.text for p in self.parts)
 
 

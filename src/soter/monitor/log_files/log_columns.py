@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.system_texts import reason
-from soter.language.load.named_files import opened
+from soter.language.load.named_files import open_finite_file
 from soter.mapping.message_types import HEADER_FRAME
 
 Row = TypeVar("Row")
@@ -196,7 +196,7 @@ NO_END = "the autopilot lost power while it wrote, or the file was cut"
 def opened_log(path: Path) -> Iterator[BinaryIO]:
     """Opens the file of a log; SoterError D016 where it cannot be read."""
     try:
-        with opened(path) as file:
+        with open_finite_file(path) as file:
             yield file
     except OSError as error:
         raise unusable(path, reason(error)) from error
@@ -418,7 +418,7 @@ BY_MAGIC = (
 def remedies_for_file(path: Path) -> tuple[str, ...]:
     """Says what a file seems to be, where that is known, and which files are read."""
     try:
-        with opened(path, pipes=False) as file:
+        with open_finite_file(path, pipes=False) as file:
             head = file.read(64)
     except OSError:
         return (READ,)

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Literal
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.system_texts import reason
-from soter.language.load.named_files import opened
+from soter.language.load.named_files import open_finite_file
 from soter.mapping.message_types import (
     ARRAY,
     BASE,
@@ -268,7 +268,7 @@ def mcap_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> It
     """Gives log time, channel, content (None: unwanted); counts all; SoterError D016, D007."""
     require_log_package()
     try:
-        with opened(path) as file:
+        with open_finite_file(path) as file:
             _require_mcap(path, file)
             yield from _Reading(wanted, facts).messages(McapRecords(file))
     except SoterError:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import SoterError
 from soter.diagnostics.system_texts import reason
-from soter.language.load.named_files import opened, read_bytes
+from soter.language.load.named_files import open_finite_file, read_bytes
 from soter.mapping.message_types import require_ros_package
 from soter.monitor.log_files.log_columns import REINDEX, damaged_log, remedies_for_file, unusable
 from soter.monitor.log_files.message_decoding import UndecodableError, mcap_messages
@@ -160,7 +160,7 @@ def require_no_split(path: Path) -> None:
 
 def _require_ros1(path: Path) -> None:
     """Raises SoterError D016 where a file does not begin as a bag of ROS 1 does."""
-    with opened(path, pipes=False) as file:
+    with open_finite_file(path, pipes=False) as file:
         if file.read(len(ROS1_MAGIC)) != ROS1_MAGIC:
             raise unusable(path, "it is no bag of ROS 1, version 2.0", *remedies_for_file(path))
 
@@ -184,12 +184,12 @@ def _folder_messages(bag: _Bag2, wanted: dict[str, Wanted], facts: FileFacts) ->
             if bag.packed == "file":
                 require_no_journal(file)
                 plain = Path(folder) / f"unpacked.{'db3' if bag.storage == 'sqlite3' else 'mcap'}"
-                with opened(file, pipes=False) as packed, plain.open("wb") as into:
+                with open_finite_file(file, pipes=False) as packed, plain.open("wb") as into:
                     unpack_file(packed, into, file.stat().st_size)
             if bag.storage == "mcap":
                 yield from mcap_messages(plain, wanted, facts)
             else:
-                opened(plain, pipes=False).close()
+                open_finite_file(plain, pipes=False).close()
                 packed_messages = bag.packed == "message"
                 yield from sqlite_messages(plain, wanted, facts, packed=packed_messages)
     require_counts(bag.counts, facts.there)

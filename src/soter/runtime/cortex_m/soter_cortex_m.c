@@ -20,7 +20,7 @@ extern uint32_t soter_ac[], soter_ac_data_end[], soter_ac_data_load[], soter_ac_
 #define UNUSED_STACK UINT32_C(0x5ca1ab1e)
 #define FRAME 64U /* bytes below the variables of on_reset that it may be using */
 
-/* Words from there, or zeros. */
+/* Copies words to `to` .. `end`, or zeros without `from`. */
 static void fill(uint32_t* to, const uint32_t* end, const uint32_t* from) {
   while (to < end) {
     *to++ = from != NULL ? *from++ : 0U;

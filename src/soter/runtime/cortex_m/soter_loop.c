@@ -74,7 +74,7 @@ static int64_t tick_time(void) {
   return (int64_t)((uint64_t)ticks_high << 32 | ticks_low) * APP_TICK_NS;
 }
 
-/* ns since the start. */
+/* Gives the ns since the start. */
 static int64_t clock_ns(void) {
   for (;;) {
     const int64_t before = tick_time();

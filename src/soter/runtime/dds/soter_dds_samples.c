@@ -220,7 +220,7 @@ void* soter_dds_serve_inward(void* given) {
 
 /* ------------------------------------------------------------------ out */
 
-static void tell(soter_dds_topic* topic, int64_t now, int64_t written) {
+static void publish_value(soter_dds_topic* topic, int64_t now, int64_t written) {
   SOTER_CHECK(topic->message != NULL && topic->last_value != NULL);
   const int64_t wall = soter_dds_wall_ns(); /* first: who is held up here makes a value older */
   (void)memset(topic->message, 0, topic->out->type->m_size); /* its texts are constants */
@@ -257,12 +257,12 @@ static bool read_channel(soter_dds_topic* topic, int64_t* written) {
   return found && is_of_now(topic, *written);
 }
 
-/* Who wrote it was gone when the bridge began. */
+/* Whether the writer of the channel was gone when the bridge began. */
 static bool was_gone(const soter_dds_topic* topic, int64_t now) {
   return topic->heard == 0 && topic->before && now - topic->begun > topic->out->silent_ns;
 }
 
-static void turn(soter_dds_topic* topic, int64_t now) {
+static void relay_channel(soter_dds_topic* topic, int64_t now) {
   SOTER_CHECK(topic->value != topic->last_value);
   const soter_dds_outward* const out = topic->out;
   int64_t written = 0;
@@ -272,13 +272,13 @@ static void turn(soter_dds_topic* topic, int64_t now) {
     topic->heard = now;
     set_silent(topic, false);
     if (changed || now - topic->told >= RESEND_NS) {
-      tell(topic, now, written);
+      publish_value(topic, now, written);
     }
   } else if (topic->heard > 0 && now - topic->heard > out->silent_ns &&
              now - topic->told >= RESEND_NS) {
     set_silent(topic, true); /* nobody holds a lease, nobody holds the law: it is held from here */
     if (out->law(topic->last_value)) {
-      tell(topic, now, now);
+      publish_value(topic, now, now);
     }
   } else if (was_gone(topic, now)) {
     set_silent(topic, true);
@@ -290,10 +290,10 @@ void* soter_dds_serve_outward(void* given) {
   SOTER_CHECK(topic != NULL && topic->out != NULL);
   while (!soter_dds_ending()) {
     soter_outside_wait(&topic->channel, WAIT_NS);
-    turn(topic, soter_dds_monotonic_ns());
+    relay_channel(topic, soter_dds_monotonic_ns());
   }
   if (topic->heard > 0 && topic->out->law(topic->last_value)) {
-    tell(topic, soter_dds_monotonic_ns(), soter_dds_monotonic_ns()); /* the last word is the law */
+    publish_value(topic, soter_dds_monotonic_ns(), soter_dds_monotonic_ns()); /* the law is last */
   }
   return NULL;
 }

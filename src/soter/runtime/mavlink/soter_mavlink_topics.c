@@ -112,7 +112,7 @@ void soter_mavlink_judge(soter_mavlink_topic* topic, const mavlink_message_t* m)
 
 /* ------------------------------------------------------------------ out */
 
-static void tell(soter_mavlink_topic* topic, int64_t now, int64_t written, bool law) {
+static void send_value(soter_mavlink_topic* topic, int64_t now, int64_t written, bool law) {
   SOTER_CHECK(topic->out != NULL);
   soter_mavlink_bridge* const bridge = topic->bridge;
   const soter_mavlink_envelope envelope = {bridge->system->own, bridge->system->sources[0],
@@ -157,7 +157,7 @@ static void fall_silent(soter_mavlink_topic* topic) {
   (void)pthread_mutex_unlock(&topic->bridge->held);
 }
 
-static void turn(soter_mavlink_topic* topic, int64_t now) {
+static void relay_channel(soter_mavlink_topic* topic, int64_t now) {
   const soter_mavlink_outward* const out = topic->out;
   SOTER_CHECK(out->value != out->last);
   const int64_t resend = topic->bridge->system->resend_ns;
@@ -167,13 +167,13 @@ static void turn(soter_mavlink_topic* topic, int64_t now) {
     (void)memcpy(out->last, out->value, out->size);
     topic->heard = now;
     if (changed || now - topic->told >= resend) {
-      tell(topic, now, written, false);
+      send_value(topic, now, written, false);
     }
   } else if (topic->heard > 0 && now - topic->heard > out->silent_ns &&
              now - topic->told >= resend) {
     /* nobody holds a lease, nobody holds the law: it is held from here */
     if (out->law(out->last)) {
-      tell(topic, now, now, true);
+      send_value(topic, now, now, true);
     } else {
       fall_silent(topic); /* set-points end, and the autopilot does what it does then */
     }
@@ -187,10 +187,10 @@ void* soter_mavlink_serve(void* given) {
   SOTER_CHECK(topic != NULL && topic->out != NULL);
   while (soter_mavlink_ending() == 0) {
     soter_outside_wait(&topic->channel, WAIT_NS);
-    turn(topic, soter_mavlink_now());
+    relay_channel(topic, soter_mavlink_now());
   }
   if (topic->heard > 0 && topic->out->law(topic->out->last)) {
-    tell(topic, soter_mavlink_now(), soter_mavlink_now(), true); /* the last word is the law */
+    send_value(topic, soter_mavlink_now(), soter_mavlink_now(), true); /* the law is last */
   }
   return NULL;
 }

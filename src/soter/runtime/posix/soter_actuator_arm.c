@@ -59,11 +59,11 @@ static bool is_actuator(uint64_t process) {
   return own[0] != '\0' && strncmp(own, its, strlen(own)) == 0;
 }
 
-static uint64_t answers(const uint64_t* words) {
+static uint64_t count_answers(const uint64_t* words) {
   return words[SOTER_ACTUATORS_ARMED] + words[SOTER_ACTUATORS_REFUSED];
 }
 
-/* Waits for the answer of those who were asked; false: none came. */
+/* Waits for the answer of the actuators; false if none came. */
 static bool answered(soter_outside* channel, uint64_t asked, uint64_t before, uint64_t* words) {
   const int64_t end = soter_actuator_clock() + PATIENCE_NS;
   int64_t written = 0;
@@ -71,7 +71,7 @@ static bool answered(soter_outside* channel, uint64_t asked, uint64_t before, ui
   while (soter_actuator_clock() < end) {
     soter_outside_wait(channel, SOTER_STATUS_EVERY_NS);
     if (soter_outside_read(channel, &written, words, NULL) &&
-        words[SOTER_ACTUATORS_PROCESS] == asked && answers(words) != before) {
+        words[SOTER_ACTUATORS_PROCESS] == asked && count_answers(words) != before) {
       return true;
     }
   }
@@ -84,8 +84,8 @@ static uint32_t fact_of(const uint64_t* words, uint32_t module, uint32_t what) {
   return (uint32_t)m[what];
 }
 
-/* How it was armed they say, as somebody else may have asked at the same time. */
-static void tell_armed(const uint64_t* words) {
+/* The actuators say how they were armed, as somebody else may have asked at the same time. */
+static void print_armed(const uint64_t* words) {
   const unsigned long long process = words[SOTER_ACTUATORS_PROCESS];
   bool any = false;
   bool unchecked = false;
@@ -106,10 +106,10 @@ static void tell_armed(const uint64_t* words) {
   }
 }
 
-static int tell(const uint64_t* words, uint64_t refused_before) {
+static int print_outcome(const uint64_t* words, uint64_t refused_before) {
   SOTER_CHECK(soter_actuator_count <= ACTUATOR_MODULES);
   if (words[SOTER_ACTUATORS_REFUSED] == refused_before) {
-    tell_armed(words);
+    print_armed(words);
     return EXIT_SUCCESS;
   }
   for (uint32_t k = 0; k < soter_actuator_count; k++) {
@@ -143,7 +143,7 @@ int soter_actuator_request(const char* folder, bool unchecked) {
     return EXIT_FAILURE;
   }
   const uint64_t asked = words[SOTER_ACTUATORS_PROCESS];
-  const uint64_t before = answers(words);
+  const uint64_t before = count_answers(words);
   const uint64_t refused = words[SOTER_ACTUATORS_REFUSED];
   (void)signal(SIGPIPE, SIG_IGN); /* whoever reads has gone: the exit code tells it */
   if (kill((pid_t)asked, unchecked ? SIGUSR2 : SIGUSR1) != 0) {
@@ -154,5 +154,5 @@ int soter_actuator_request(const char* folder, bool unchecked) {
     (void)fprintf(stderr, "not armed: the actuators do not answer\n");
     return EXIT_FAILURE;
   }
-  return tell(words, refused);
+  return print_outcome(words, refused);
 }

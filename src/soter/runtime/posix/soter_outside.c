@@ -85,8 +85,8 @@ static const char* map_file(soter_outside* c, int file) {
   return NULL;
 }
 
-/* The number of the value of a place; 0: none. `c->room` has it then. */
-static uint64_t look(soter_outside* c, int place, soter_channel_head* head, uint64_t* bad) {
+/* Reads the value of a place into `c->room`; gives its number, 0 if there is none. */
+static uint64_t read_place(soter_outside* c, int place, soter_channel_head* head, uint64_t* bad) {
   SOTER_CHECK((place == 0 || place == 1) && c->place[place] != NULL && c->room != NULL);
   const soter_channel_state found =
       soter_channel_read(c->place[place], c->hash, c->size, 0U, head, c->room);
@@ -157,8 +157,8 @@ const char* soter_outside_open(soter_outside* channel, const char* folder, const
     channel->place[0] = NULL;
   } else if (writes) { /* it goes on with the next number */
     soter_channel_head head;
-    const uint64_t first = look(channel, 0, &head, NULL);
-    const uint64_t second = look(channel, 1, &head, NULL);
+    const uint64_t first = read_place(channel, 0, &head, NULL);
+    const uint64_t second = read_place(channel, 1, &head, NULL);
     channel->number = first > second ? first : second;
   }
   return wrong;
@@ -200,8 +200,8 @@ void soter_outside_wait(soter_outside* channel, int64_t most_ns) {
                                 .tv_nsec = (long)(most_ns % SECOND)};
   (void)__atomic_add_fetch(&channel->bell[WAITING], 1U, __ATOMIC_SEQ_CST);
   soter_channel_head head;
-  const uint64_t first = look(channel, 0, &head, NULL);
-  const uint64_t second = look(channel, 1, &head, NULL);
+  const uint64_t first = read_place(channel, 0, &head, NULL);
+  const uint64_t second = read_place(channel, 1, &head, NULL);
   if (first <= channel->number && second <= channel->number) {
     (void)syscall(SYS_futex, &channel->bell[WRITTEN], FUTEX_WAIT, written, &most, NULL, 0);
   }
@@ -213,7 +213,7 @@ bool soter_outside_read(soter_outside* channel, int64_t* time_ns, void* value, u
   uint64_t newest = channel->number;
   for (int place = 0; place < 2; place++) {
     soter_channel_head head;
-    const uint64_t number = look(channel, place, &head, bad);
+    const uint64_t number = read_place(channel, place, &head, bad);
     if (number > newest) {
       newest = number;
       *time_ns = (int64_t)head.time_ns;

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from soter.codegen.externs import answer_fields
 from soter.codegen.unit import generate
-from soter.core.layout import align_of, arrange, decode_from, encode_into, scalar, size_of
+from soter.core.layout import align_of, decode_from, encode_into, lay_out, scalar, size_of
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
 from soter.language.model.types import BoolType, EnumType, FloatType, IntType
 from soter.language.model.values import from_python, to_python
@@ -133,7 +133,7 @@ def _node_callable(
         for subscribed in node.subscribes
     ]
     places, in_size = _struct_layout([t for _, t in reads])
-    answer = arrange(answer_fields(component))
+    answer = lay_out(answer_fields(component))
     offsets = {member.name: (member.offset, member.type) for member in answer.members}
     outputs = [t.name.rpartition(".")[2] for t in node.publishes]
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.codegen.externs import answer_fields
-from soter.core.layout import arrange, decode_from, image_of_members
+from soter.core.layout import decode_from, image_of_members, lay_out
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
 from soter.language.model.values import ValueShapeError, inputs_to_python
 from soter.native.cache import SOTER
@@ -27,7 +27,7 @@ from soter.semantics.externs import (
     step_function,
     visible_error,
 )
-from soter.semantics.publication_gate import make_check, messages_of, rounded_to_ends
+from soter.semantics.publication_gate import check_of_topic, messages_of, with_rounded_ends
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -132,7 +132,7 @@ class ExternAnswers:
 
 
 def _encode(component: Component, values: dict[str, Value]) -> bytes:
-    return image_of_members(arrange(answer_fields(component)), values)
+    return image_of_members(lay_out(answer_fields(component)), values)
 
 
 # ---------------------------------------------------------------- failures in words
@@ -156,7 +156,7 @@ class _Gate:
         self.name = component.name
         self.span = component.span
         written = [] if component.node is None else component.writes
-        self.checks = [(system.topics[t], make_check(system.topics[t])) for t in written]
+        self.checks = [(system.topics[t], check_of_topic(system.topics[t])) for t in written]
         bursts = component.node.bursts if component.node is not None else ()
         self.bursts = [component.scope.topics[t] for t in bursts]
 
@@ -169,7 +169,7 @@ class _Gate:
                 for message in (
                     () if value is None else messages_of(topic.index, value, self.bursts)
                 ):
-                    check(rounded_to_ends(topic, message), self.span)
+                    check(with_rounded_ends(topic, message), self.span)
             except StepFault as fault:
                 failures[self.name] = fault.detail
                 return

@@ -69,7 +69,7 @@ def _give_up_stuck_cells(case: Case, failures: list[Failure]) -> None:
     for proof in stuck:
         had = proof.core_cells
         case.counts.setdefault(HAD, sum(p.core_cells for p in case.proofs))
-        proof.give_up(case)
+        proof.keep_way_only(case)
         case.counts[GIVEN_UP] = case.counts.get(GIVEN_UP, 0) + had - proof.core_cells
     case.failures = [f for f in case.failures if f.proof not in stuck and f.claim != "start"]
 

@@ -154,7 +154,7 @@ def compute_core(case: Case) -> bool:
     whole = _compute_cores(case)
     if whole or case.lawful is None or not case.lawful.is_smaller:
         return whole
-    case.lawful.give_up(NOTHING_INSIDE)
+    case.lawful.drop_law(NOTHING_INSIDE)
     for proof, part in zip(case.proofs, case.lawful.parts, strict=True):
         case.make_fresh(proof)
         proof.take_constraint(case, part)
@@ -164,14 +164,14 @@ def compute_core(case: Case) -> bool:
 def _compute_cores(case: Case) -> bool:
     whole = True
     for proof in case.fresh_proofs:
-        whole = proof.core(case) and whole
+        whole = proof.find_core(case) and whole
     return whole
 
 
 def compute_free_phase(case: Case) -> None:
     """Computes R(H) of every group."""
     for proof in case.fresh_proofs:
-        proof.free_phase(case)
+        proof.find_free_states(case)
 
 
 def check_inclusion(case: Case, predicate: str) -> None:
@@ -228,10 +228,10 @@ def find_way_back(case: Case) -> None:
     if targets is None:
         return
     for proof, target in zip(case.proofs, targets, strict=True):
-        proof.recover(case, target)
+        proof.find_recovery(case, target)
     times = case.problem.times
     longest = max((p.return_ns for p in case.proofs), default=0)
-    case.counts["recover_ns"] = longest + times.decision + times.response_dm
+    case.counts["recover_ns"] = longest + times.between_states + times.response_dm
     check_return_time(case)
 
 

@@ -277,7 +277,7 @@ class FailsafeClaim:
         """Whether SC has to keep less than C."""
         return self.parts is not self.whole
 
-    def give_up(self, why: str) -> None:
+    def drop_law(self, why: str) -> None:
         """Lets SC keep all of C again; `why` the law is not shown."""
         self.parts, self.why = self.whole, why
 

@@ -328,7 +328,7 @@ class _Inputs:
             return _offset_of_leaf(layout, topics[topic], leaf)
 
         for other in others:
-            full = other.full
+            full = other.point_inside
             if full is None:
                 return None  # then safer is false everywhere: nothing to tell apart
             for s, value in zip(other.states, full, strict=True):

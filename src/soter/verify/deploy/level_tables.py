@@ -176,12 +176,12 @@ class LevelTable(ABC):
         """For each state the numbers that divide its values into classes for the tests of a DM."""
 
     @abstractmethod
-    def share(self, group: Group) -> float:
-        """The share of the volume of its group's ranges that S_0 has."""
+    def share_of_volume(self, group: Group) -> float:
+        """Gives which share of the volume of its group's ranges lies in S_0."""
 
     @property
     @abstractmethod
-    def full(self) -> tuple[float, ...] | None:
+    def point_inside(self) -> tuple[float, ...] | None:
         """A point well inside S_(m-2), a number per state; None where S_(m-2) is empty."""
 
     @property
@@ -254,13 +254,13 @@ class GroupTable(LevelTable):
         four: NDArray[np.uint8] = flat.reshape(-1, PER_BYTE) @ np.array(POWERS, dtype=np.uint8)
         return four.tobytes()
 
-    def share(self, group: Group) -> float:
+    def share_of_volume(self, group: Group) -> float:
         """The share that S_0 has of the volume of the axes that the DM sees."""
         axes = [a for a in group.axes if a.state in self.states]
         return volume_share(self.entries > 0, drawn_edges(axes))
 
     @property
-    def full(self) -> tuple[float, ...] | None:
+    def point_inside(self) -> tuple[float, ...] | None:
         """The middle of a cell of S_(m-2); None where there is no such cell."""
         best = np.unravel_index(int(self.entries.argmax()), self.entries.shape)
         if self.entries[best] != FULL:

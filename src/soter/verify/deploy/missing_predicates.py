@@ -130,7 +130,7 @@ def complete(flat: System, known: Known | None = None) -> list[str]:
             continue
         install_predicates(flat, module, problem, level_tables)
         every = zip(problem.groups, level_tables, strict=True)
-        share = prod(table.share(group) for group, table in every)
+        share = prod(table.share_of_volume(group) for group, table in every)
         text = f"AC may have control on {share:.1%} of the estimates (S_0)"
         if problem.levels_open and problem.levels != LEVELS_DEFAULT:
             text += f"; with {problem.levels} levels, as less is shown with {LEVELS_DEFAULT}"

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from soter.core import core
 from soter.core.lower_statements import FunctionTable
-from soter.core.steps import lower_deciding, lower_predicate
+from soter.core.steps import lower_dm_predicate, lower_predicate
 from soter.language.model.types import FloatType, IntType, RecordType, leaves
 from soter.verify.enclose.core_enclosure import EnclosureBody
 from soter.verify.enclose.enclosed_operations import UNKNOWN, EnclosureOperations, kind_of
@@ -327,7 +327,7 @@ class Enclosed:
         table = FunctionTable(self.system)
         system, module = self.system, self.module
         if estimated:  # what the DM evaluates
-            p = lower_deciding(table, system, module, e)
+            p = lower_dm_predicate(table, system, module, e)
         else:
             p = lower_predicate(table, system, module.scope, e, e.span)
         return self._predicate_value(p, table.by_name, estimated=estimated)

@@ -90,7 +90,7 @@ class Case:
         return [f for f in self.failures if f.claim == claim]
 
     def fail(self, claim: str, text: str, proof: object | None = None, hint: str = "") -> Failure:
-        """Enters a failure and returns it, so that cells may be added."""
+        """Enters a failure; gives it, so that the caller can add cells to it."""
         made = Failure(claim, text, proof, hint=hint)
         self.failures.append(made)
         return made

@@ -128,8 +128,8 @@ class GridProof:
         if self.fresh:
             self.found.allowed = part.cells
 
-    def core(self, case: Case) -> bool:
-        """Computes K, a greatest fixpoint. If K is empty, enters a failure of P2a: False."""
+    def find_core(self, case: Case) -> bool:
+        """Computes K, a greatest fixpoint; False, and a failure of P2a, if K is empty."""
         if self.engine.stiff:
             case.fail("P2a", self.engine.stiff, self, STIFF_HINT)
         rests = np.zeros(self.engine.shape, dtype=np.bool_)
@@ -154,7 +154,7 @@ class GridProof:
             failure.cells = self.found.allowed
         return False
 
-    def free_phase(self, case: Case) -> None:
+    def find_free_states(self, case: Case) -> None:
         """Computes R(H), the states from which no command in U leads out of K within H."""
         horizon = case.problem.whole_periods(case.problem.times.horizon_ns)
         self.found.free = self.engine.cells_safe_for(horizon, self.found.core > 0)
@@ -219,7 +219,7 @@ class GridProof:
         cells = estimate_sets.states_with_control(case, self.engine, self.found)
         return None if cells is None else CellsPart(self.engine, cells)
 
-    def recover(self, case: Case, target: CellsPart) -> None:
+    def find_recovery(self, case: Case, target: CellsPart) -> None:
         """Computes Q and W for a target, unless they are known for the same target."""
         before = None if self.fresh else self.found.target
         if before is not None and np.array_equal(before, target.cells):
@@ -239,8 +239,8 @@ class GridProof:
         """How many cells K has."""
         return int(np.count_nonzero(self.found.core))
 
-    def give_up(self, case: Case) -> None:
-        """Takes W for K; if Q has smaller cells, what SC keeps of declared cells in W."""
+    def keep_way_only(self, case: Case) -> None:
+        """Makes W the new K; if Q has smaller cells, only what SC keeps of W's declared cells."""
         part = self.found
         assert part.home is not None
         assert part.rank is not None
@@ -253,8 +253,8 @@ class GridProof:
             part.core[part.rank == 0] = 0
         case.raise_count("longest", int(part.core.max()))
 
-    def regions(self, cells: Bools, parameters: Sequence[tuple[str, int]]) -> list[Region]:
-        """Boxes that together hold all of `cells`, a set of the grid's shape."""
+    def boxes_around(self, cells: Bools, parameters: Sequence[tuple[str, int]]) -> list[Region]:
+        """Gives boxes that together contain all of `cells`, a set of the grid's shape."""
         names = [a.name for a in self.group.axes]
         return regions_of(cells, names, self.engine.edges, parameters)
 

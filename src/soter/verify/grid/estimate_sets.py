@@ -120,7 +120,7 @@ def find_levels(case: Case, proof: object, engine: GridGroup, part: GroupSets) -
     """Fills in S_0 ... S_(m-2); enters failures of `ttf` and `safer` where these sets are empty."""
     problem = case.problem
     errors, shown = errors_of(problem), topics_seen_by_dm(problem)
-    window = problem.whole_periods(problem.times.decision)
+    window = problem.whole_periods(problem.times.between_states)
     assert part.free is not None
     blind = tuple(k for k, a in enumerate(engine.axes) if a not in shown)
     part.levels = [_at_any_place(engine.erode(part.free, errors), blind)]

@@ -114,10 +114,10 @@ def _calendar_step(terms: SolverTerms, clock: ComponentCalendar, release: int) -
 
 
 def _new_point(terms: SolverTerms, earliest: int, latest: int) -> Point:
-    place = terms.whole("place")
+    place = terms.unknown_int("place")
     if earliest == latest:
         return Point(earliest, latest, earliest, place)
-    at = terms.whole("at")
+    at = terms.unknown_int("at")
     terms.state(terms.all_of(earliest <= at, at <= latest))
     return Point(earliest, latest, at, place)
 

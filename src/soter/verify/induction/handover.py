@@ -144,7 +144,7 @@ class StepReads:
         """The value of a topic in this step."""
         if cell.owner not in self.values:
             topic = self.flat.topics[cell.owner]
-            self.values[cell.owner] = self.terms.fresh(t, topic.name, topic.bounds)
+            self.values[cell.owner] = self.terms.unknown(t, topic.name, topic.bounds)
         return self.values[cell.owner]
 
     def fact(self, fact: core.Fact) -> Term:
@@ -152,12 +152,12 @@ class StepReads:
         if fact.fact == "in_control":
             return True
         if fact.fact == "mode":
-            return self.terms.fresh(MODE, "mode")
+            return self.terms.unknown(MODE, "mode")
         if fact.fact == "age":
-            age = self.terms.whole("age")
+            age = self.terms.unknown_int("age")
             self.terms.state(age >= 0)
             return Age(age)
-        return self.terms.fresh(FLOAT, "time")
+        return self.terms.unknown(FLOAT, "time")
 
 
 @dataclass
@@ -180,7 +180,7 @@ def _why_change_possible(
     topic = flat.topics[changed.index]
     terms = SolverTerms()
     assert c.node is not None
-    anything = {v.name: terms.fresh(v.type, v.name) for v in c.node.locals}
+    anything = {v.name: terms.unknown(v.type, v.name) for v in c.node.locals}
     start = {
         v.name: terms.constant(v.type, value)
         for v, value in zip(c.node.locals, c.initial, strict=True)
@@ -208,10 +208,10 @@ def _may_jump(
     terms: SolverTerms, step: StepTransition, last: StepTransition, t: Type, changed: ChangedTopic
 ) -> bool:
     """Whether a step may publish a changed value where it must not (`last`: the step before)."""
-    nothing = (False, terms.fresh(t, "whatever"))
+    nothing = (False, terms.unknown(t, "whatever"))
     published, value = step.published.get(changed.index, nothing)
     published_before, old = last.published.get(changed.index, nothing)
-    old = terms.chosen(published_before, old, terms.fresh(t, "before"), t)
+    old = terms.chosen(published_before, old, terms.unknown(t, "before"), t)
     same = terms.all_of(*[_equal_parts(terms, value, old, t, p) for p in changed.paths])
     shows = [step.published.get(i, (False, None))[0] for i in changed.shown]
     runs = terms.negated(terms.any_of(step.faults, last.faults))
@@ -253,7 +253,7 @@ def _step_transition(
     shown = StepReads(terms, flat, dict(reads.values))
     for i, (says, value) in published.items():
         t = flat.topics[i].type
-        shown.values[i] = terms.chosen(says, value, terms.fresh(t, "before"), t)
+        shown.values[i] = terms.chosen(says, value, terms.unknown(t, "before"), t)
     after_step = Evaluation(terms, functions, shown)
     after_step.run(enters.body)
     holds = after_step.expr(enters.value)

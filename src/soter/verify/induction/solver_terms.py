@@ -209,11 +209,11 @@ class SolverTerms:
         self._count += 1
         return f"{start}!{self._count}"
 
-    def fresh(self, t: Type, name: str, bounds: Bounds | None = None) -> Term:
-        """An unknown value of a type; with `bounds` (one a leaf) one that its topic may hold."""
+    def unknown(self, t: Type, name: str, bounds: Bounds | None = None) -> Term:
+        """Gives an unknown value of a type, within `bounds` (one for each leaf) if given."""
         if is_tuple(t):
             return tuple(
-                self.fresh(part, f"{name}.{k}", own)
+                self.unknown(part, f"{name}.{k}", own)
                 for k, (part, own) in enumerate(_parts_with_bounds(t, bounds))
             )
         if isinstance(t, BoolType):
@@ -228,12 +228,12 @@ class SolverTerms:
             self.state(self._publishable_predicate(t, bounds)(term))
         return term
 
-    def whole(self, name: str) -> Term:
-        """A term for an unknown integer."""
+    def unknown_int(self, name: str) -> Term:
+        """Gives a term for an unknown integer."""
         return self.z3.Int(self.name(name))
 
-    def truth(self, name: str) -> Term:
-        """A term for an unknown bool."""
+    def unknown_bool(self, name: str) -> Term:
+        """Gives a term for an unknown bool."""
         return self.z3.Bool(self.name(name))
 
     def constant(self, t: Type, value: Value) -> Term:
@@ -403,11 +403,11 @@ class SolverTerms:
         if is_known(value):
             return value
         if isinstance(value, Age):
-            return Age(self.named(value.ns, name))
-        return self.named(value, name)
+            return Age(self.constant_for(value.ns, name))
+        return self.constant_for(value, name)
 
-    def named(self, term: Term, name: str) -> Term:
-        """A new constant of the solver that equals a scalar term."""
+    def constant_for(self, term: Term, name: str) -> Term:
+        """Gives a new constant of the solver that equals a scalar term."""
         if is_known(term) or self.z3.is_const(term):
             return term
         constant = self.z3.Const(self.name(name), term.sort())

@@ -81,7 +81,7 @@ class Evaluation(Execution["Term"]):
             self.fault = self.terms.any_of(self.fault, fault)
 
     def _branch_condition(self, condition: Term) -> Term:
-        return self.terms.named(condition, "if")
+        return self.terms.constant_for(condition, "if")
 
     def _known(self, condition: Term) -> bool | None:
         return condition if isinstance(condition, bool) else None
@@ -99,13 +99,13 @@ class Evaluation(Execution["Term"]):
     def _choose(self, s: core.Choose) -> Term:
         terms = self.terms
         if isinstance(s.type, BoolType):
-            value = terms.truth(s.name)
+            value = terms.unknown_bool(s.name)
         else:
-            value = terms.whole(s.name)
+            value = terms.unknown_int(s.name)
             terms.state(terms.all_of(s.low <= value, value < s.low + s.count))
         if s.ages is not None:
             t = self.frame.types[s.ages]
-            self.bind(s.ages, t, terms.fresh(t, s.ages))
+            self.bind(s.ages, t, terms.unknown(t, s.ages))
         return value
 
     def _publish(self, s: core.Publish, value: Term) -> None:
@@ -443,7 +443,7 @@ class ClusterView:
         if cell.owner not in self.span.writers:
             topic = self.span.problem.system.topics[cell.owner]
             bounds = topic.bounds if topic.queue_of is None else None
-            return self.span.terms.fresh(t, topic.name, bounds)
+            return self.span.terms.unknown(t, topic.name, bounds)
         return self.topic(cell.owner)[0]
 
     def topic(self, index: int) -> tuple[Term, Term]:
@@ -460,7 +460,7 @@ class ClusterView:
         if index in self.span.writers:
             return self.topic(index)[1]
         terms = self.span.terms
-        stamp = terms.whole("stamp")
+        stamp = terms.unknown_int("stamp")
         terms.state(stamp <= self.now)
         return stamp
 
@@ -477,7 +477,7 @@ class ClusterView:
             return self.enabled
         if fact.fact == "age":
             return Age(self.now - self.stamp(fact.index))
-        return self.span.terms.fresh(FLOAT, "time")
+        return self.span.terms.unknown(FLOAT, "time")
 
 
 def integer_if(terms: SolverTerms, condition: Term, then: Term, otherwise: Term) -> Term:

@@ -105,24 +105,24 @@ class TimeSpan:
         system, terms = self.problem.system, self.terms
         topics = {}
         for i in self.writers:
-            stamp = terms.whole(f"stamp {system.topics[i].name}")
+            stamp = terms.unknown_int(f"stamp {system.topics[i].name}")
             terms.state(stamp < 0)
             topics[i] = (self._any_value(i), stamp)
         local_values = {
-            (c.index, v.name): terms.fresh(v.type, f"{c.name}.{v.name}")
+            (c.index, v.name): terms.unknown(v.type, f"{c.name}.{v.name}")
             for c in system.components
             if c.node is not None
             for v in c.node.locals
         }
         indices = [c.index for c in system.components]
-        had_control = {i: terms.truth("had control") for i in indices}
-        latched = {i: terms.truth("latched") if self.latching else False for i in indices}
-        mode = SC if self.stays else terms.fresh(MODE, "mode")
+        had_control = {i: terms.unknown_bool("had control") for i in indices}
+        latched = {i: terms.unknown_bool("latched") if self.latching else False for i in indices}
+        mode = SC if self.stays else terms.unknown(MODE, "mode")
         return State(topics, local_values, mode, had_control, latched)
 
     def _any_value(self, index: int) -> Term:
         topic = self.problem.system.topics[index]
-        return self.terms.fresh(topic.type, topic.name, topic.bounds)
+        return self.terms.unknown(topic.type, topic.name, topic.bounds)
 
     def _judge_start(self) -> None:
         view = ClusterView(self, None, 0)
@@ -172,9 +172,9 @@ class Cluster:
             topic = span.problem.system.topics[index]
             topics[index] = (
                 terms.defined(value, topic.type, topic.name),
-                terms.named(stamp, "stamp"),
+                terms.constant_for(stamp, "stamp"),
             )
-        mode = terms.named(self.mode(span.state.mode, None, None), "mode")
+        mode = terms.constant_for(self.mode(span.state.mode, None, None), "mode")
         span.state = State(topics, self.locals, mode, self.had_control, self.latched)
         span.effects += self.effects
 
@@ -230,15 +230,15 @@ class Cluster:
         effect = StepEffect(step)
         if component.role == "dm":
             inside = span.stays and step.effect.latest < span.end
-            effect.mode = SC if inside else terms.fresh(MODE, "mode")
+            effect.mode = SC if inside else terms.unknown(MODE, "mode")
             if span.stays and not inside:
                 is_after_end = step.effect.at >= span.end
                 terms.state(terms.any_of(is_after_end, effect.mode == SC))
             return effect
         for index in span.problem.outputs[step.component]:
             topic = span.problem.system.topics[index]
-            value = terms.fresh(topic.type, topic.name, topic.bounds)
-            effect.published[index] = (terms.truth(f"{topic.name} said"), value)
+            value = terms.unknown(topic.type, topic.name, topic.bounds)
+            effect.published[index] = (terms.unknown_bool(f"{topic.name} said"), value)
         return effect
 
     def _define_effect(self, effect: StepEffect) -> None:
@@ -268,7 +268,7 @@ class Cluster:
                 if (limit := problem.system.topics[i].max_age_ns) is not None
             ]
         )
-        gate_fault, clean = terms.truth("gate fault"), terms.truth("clean")
+        gate_fault, clean = terms.unknown_bool("gate fault"), terms.unknown_bool("clean")
         if span.returning:
             terms.state(terms.all_of(terms.negated(gate_fault), clean, terms.negated(stale)))
         leaves = terms.any_of(ttf, stale, gate_fault)
@@ -303,15 +303,16 @@ class Cluster:
             values[output.topic] = (value, t, terms.all_of(flag, passes))
         for q in queues_of(system, component):
             if system.topics[q].policy == "fault":
-                fault = terms.any_of(fault, terms.truth("queue lost a value"))
-        effect.fault, effect.doubt = terms.named(fault, "fault"), terms.named(doubt, "doubt")
+                fault = terms.any_of(fault, terms.unknown_bool("queue lost a value"))
+        effect.fault = terms.constant_for(fault, "fault")
+        effect.doubt = terms.constant_for(doubt, "doubt")
         runs = self._latch(component, effect) if span.latching else True
         for index, (value, t, passed) in values.items():
             self._assert_equal(effect.published[index][1], value, t, terms.all_of(passed, runs))
         self._store_locals(component, code, evaluation, runs)
         if code.takeover:
             had_control = terms.chosen(runs, enabled, self.had_control[component.index], BOOL)
-            self.had_control[component.index] = terms.named(had_control, "had control")
+            self.had_control[component.index] = terms.constant_for(had_control, "had control")
         if runs is not True:
             wanted = self._failsafe(component, effect, runs, wanted)
         self._state_gate(effect, wanted)
@@ -346,7 +347,7 @@ class Cluster:
         """The condition that the step runs to its end: a node that has faulted stays silent."""
         terms = self.terms
         bad = terms.any_of(self.latched[component.index], effect.fault, effect.doubt)
-        self.latched[component.index] = bad = terms.named(bad, "latched")
+        self.latched[component.index] = bad = terms.constant_for(bad, "latched")
         return terms.negated(bad)
 
     def _failsafe(
@@ -398,12 +399,12 @@ class Cluster:
 
     def _havoc_locals(self, component: int) -> None:
         """Forgets the locals of a component whose step began earlier, as its reads are unknown."""
-        self.had_control[component] = self.terms.truth("had control")
+        self.had_control[component] = self.terms.unknown_bool("had control")
         if self.span.latching:
-            self.latched[component] = self.terms.truth("latched")
+            self.latched[component] = self.terms.unknown_bool("latched")
         node = self.span.problem.system.components[component].node
         for v in node.locals if node is not None else ():
-            self.locals[component, v.name] = self.terms.fresh(v.type, v.name)
+            self.locals[component, v.name] = self.terms.unknown(v.type, v.name)
 
     def _judge_instants(self) -> None:
         """Judges each instant at which a step had effect, after the last effect of the instant."""
@@ -433,7 +434,7 @@ class Cluster:
         span, terms, step = self.span, self.terms, effect.step
         at = step.effect
         holds = span.claims_at(ClusterView(span, self, at.at, point, step))
-        holds = tuple(terms.named(h, "holds") for h in holds)
+        holds = tuple(terms.constant_for(h, "holds") for h in holds)
         later = self._holds_until_next(effect, point) if span.reads_ages else holds[0]
         over = self.effects if point is None else [effect]
         faults = [e.fault if span.latching else terms.any_of(e.fault, e.doubt) for e in over]
@@ -459,7 +460,7 @@ class Cluster:
     def _holds_until_next(self, effect: StepEffect, point: Point | None) -> Term:
         """The condition that `safe` holds at any time between an effect and the next one."""
         span, terms, at = self.span, self.terms, effect.step.effect
-        now = terms.whole("now")
+        now = terms.unknown_int("now")
         still = [
             terms.any_of(is_before(terms, e.step.effect, at), e.step.effect.at > now)
             for e in self.effects

@@ -189,8 +189,8 @@ class Times:
         return self.schedule.lease
 
     @property
-    def decision(self) -> int:
-        """Delta + A + J_dm: the longest time from a state to the DM's next look at one."""
+    def between_states(self) -> int:
+        """Gives Delta + A + J_dm: the longest time between two states that the DM reads."""
         return self.schedule.longest_between_states
 
     @property

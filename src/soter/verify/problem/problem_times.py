@@ -20,7 +20,7 @@ from math import gcd
 from typing import TYPE_CHECKING
 
 from soter.language.check.constants_and_types import Calculator
-from soter.language.model.system import holder_of
+from soter.language.model.system import name_of_subsystem
 from soter.language.model.types import show_ns, write_ns
 from soter.timing.trusted_thread import MISSES, report_miss, timing_of
 from soter.verify.problem.cause_effect_chains import (
@@ -251,7 +251,7 @@ def _exceeded_times(pairs: dict[str, tuple[Pair, Pair]], late_at: dict[str, int]
 
 def _time_lines(flat: System, module: Module, pairs: dict[str, tuple[Pair, Pair]]) -> list[str]:
     """The lines `late` and `response` of a `verify` block that are long enough."""
-    home = holder_of(module)
+    home = name_of_subsystem(module)
     lines = []
     for k, word in enumerate(("late", "response")):
         texts = [

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 from soter.language.elaborate import derived_systems
 from soter.language.elaborate.views_for_proofs import moved_by_others
 from soter.language.model import typed
-from soter.language.model.system import Bound, Topic, holder_of
+from soter.language.model.system import Bound, Topic, name_of_subsystem
 from soter.language.model.tree_walk import nodes, rewritten, topic_reads
 from soter.language.model.types import DURATION, FLOAT, MODE
 from soter.verify.problem.problem import NO_MODES, Modes
@@ -98,7 +98,7 @@ class VerificationSystem:
     @property
     def around(self) -> str:
         """The name of the sub-system that holds the module and a dot, or ""."""
-        outer = holder_of(self.home)
+        outer = name_of_subsystem(self.home)
         return outer + "." if outer else ""
 
 
@@ -108,7 +108,7 @@ def verification_system_of(flat: System, module: Module) -> VerificationSystem:
     apart = _with_abstractions(flat, module) if abstract else _with_own_plants(flat, module)
     system, influences = moved_by_others(apart, apart.modules[0])
     plants = tuple(c for c in system.components if c.role == "plant")
-    prefix = "" if abstract else holder_of(module)
+    prefix = "" if abstract else name_of_subsystem(module)
     prefix = prefix + "." if prefix else ""
     return VerificationSystem(
         system=system,
@@ -182,7 +182,7 @@ def _with_own_plants(flat: System, module: Module) -> System:
     sc = flat.components[module.sc].node
     assert sc is not None
     topics_wanted = {scope[t] for t in topics_read_by_module(module.symbol, sc) if t in scope}
-    home = holder_of(module)
+    home = name_of_subsystem(module)
     named = {a.instance for g in module.symbol.verify.groups for a in g.axes if a.instance}
     named = {f"{home}.{n}" if home else n for n in named}
     plants = [
@@ -228,7 +228,7 @@ def why_law_not_held(flat: System, module: Module) -> str:
 def _sc_of_law(sc: Component, module: Module) -> Component:
     assert sc.node is not None
     step = tuple(typed.TypedPublish(e.span, t, e) for t, e in module.symbol.failsafe.items())
-    node = replace(sc.node.doing(step), takes=None)
+    node = replace(sc.node.node_that_does(step), takes=None)
     return replace(sc, node=node, initial=(), failsafe={}, binding=None)
 
 

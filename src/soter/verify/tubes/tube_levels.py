@@ -44,7 +44,7 @@ class TubeLevels(LevelTable):
     two_levels = True
     ends = ()
     """Empty: there are no cells, so no breakpoints."""
-    full = None
+    point_inside = None
     samples = None
 
     @classmethod
@@ -59,7 +59,7 @@ class TubeLevels(LevelTable):
         """The functions of the check in flight, by name."""
         return functions_of(self.text)
 
-    def share(self, group: Group) -> float:
+    def share_of_volume(self, group: Group) -> float:
         """Not implemented: there is no group."""
         raise NotImplementedError
 

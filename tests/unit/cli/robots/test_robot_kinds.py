@@ -12,7 +12,7 @@ from generators.autopilot_logs import flight, tlog, written
 from processes import run
 from soter.api import load
 from soter.cli.tool.robot_kinds import FIGURE, robot_kinds
-from soter.mapping.read_mapping import make_log_map, named_system, read_mapping
+from soter.mapping.read_mapping import make_log_map, read_mapping, system_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -48,7 +48,7 @@ def test_its_mapping_is_one_of_its_program(soter: Soter, here: Path, kind: str) 
     soter("new", "mine", "--robot", kind)
     file = here / "mine" / "mine.toml"
     given = read_mapping(file)
-    system = load(here / "mine" / "mine.soter").flat(named_system(given))
+    system = load(here / "mine" / "mine.soter").flat(system_name(given))
     assert len(make_log_map(given, system, file=file).topics) == 2
 
 

@@ -180,9 +180,9 @@ def test_an_edit_that_leaves_a_syntax_error_is_not_offered(wrong: str, tmp_path:
 
 @pytest.mark.parametrize("file", ["wall/cart.soter", "testing/two_modules.soter"])
 def test_a_right_program_is_never_compared_with_the_table(file: str) -> None:
-    their_words._any_of_them.cache_clear()
+    their_words._pattern_of_words.cache_clear()
     assert not check_file(str(ROOT / "examples" / file)).diagnostics.items
-    assert their_words._any_of_them.cache_info().misses == 0
+    assert their_words._pattern_of_words.cache_info().misses == 0
 
 
 def test_all_that_lies_beside_the_code_is_installed() -> None:

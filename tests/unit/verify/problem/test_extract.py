@@ -143,7 +143,12 @@ def test_times_are_read_off(boat: Problem) -> None:
     assert t.declared == {"late_dm", "late_sc", "response_sc", "nodes"}
     assert t.h_star == (20 + 40 + 7 + 3) * ms  # G = 20 - 20 + 5, late by 2
     assert t.horizon_ns == 200 * ms
-    assert (t.delay_sc, t.jitter_sc, t.decision, t.start) == (23 * ms, 5 * ms, 61 * ms, 10 * ms)
+    assert (t.delay_sc, t.jitter_sc, t.between_states, t.start) == (
+        23 * ms,
+        5 * ms,
+        61 * ms,
+        10 * ms,
+    )
     assert boat.recover_ns == 5_000 * ms
     assert boat.levels == 4
 

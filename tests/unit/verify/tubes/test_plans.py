@@ -103,7 +103,7 @@ def looked(text: str, x: float, y: float, plan: int = UP) -> tuple[bool, int | N
     topics = tuple(said.get(t.name, t.default) for t in flat.topics)
     env = it.machine.environment(c, flat.components[module.dm])
     env.topics = topics
-    ttf, safer, chosen, _ = it.machine.dms[module.dm].sees(env, topics)
+    ttf, safer, chosen, _ = it.machine.dms[module.dm].decide(env, topics)
     assert ttf != safer
     return safer, chosen
 
@@ -127,7 +127,7 @@ def test_ac_keeps_control_where_no_plan_alone_lets_it() -> None:
     it = Interpreter(flat)
     env = it.machine.environment(it.initial(), flat.components[flat.modules[0].dm])
     env.topics = tuple((0.7, -0.2, 1.0) if t.name == "pose" else t.default for t in flat.topics)
-    assert it.machine.dms[flat.modules[0].dm].sees(env, env.topics)[:2] == (True, False)
+    assert it.machine.dms[flat.modules[0].dm].decide(env, env.topics)[:2] == (True, False)
 
 
 def test_a_decision_costs_what_all_checks_cost() -> None:

@@ -38,14 +38,11 @@ ITEMS_MAX = 10_000
 
 
 class _LostError(Exception):
-    """An item is left out, because of an error that has been reported."""
+    """Says that an item must be left out because of an error that has been reported."""
 
 
 class Unroller:
-    """Unrolls the loops of one system or test.
-
-    `instances`: those whose elements items may name, once they are known.
-    """
+    """Unrolls the loops of one system or test; `instances` are those that items may name."""
 
     def __init__(
         self,
@@ -63,11 +60,11 @@ class Unroller:
 
     # ------------------------------------------------------------ loops
 
-    def names(
+    def named_instances(
         self, items: Sequence[tree.Instance | tree.Repeated]
     ) -> Iterator[tuple[tree.Name, tree.Instance, Values]]:
-        """Yields every instance with its name and the values of loop variables around it."""
-        for item, values in self._expanded(items, {}):
+        """Yields each instance with its name and the values of the loop variables around it."""
+        for item, values in self._unrolled(items, {}):
             assert isinstance(item, tree.Instance)
             try:
                 yield self._element_name(item.name, values), item, values
@@ -75,13 +72,13 @@ class Unroller:
                 self.shared.names.losses += 1
         self._arrays.clear()  # now that all instances are known
 
-    def items(self, items: Sequence[_Item | tree.Repeated]) -> list[_Item]:
-        """All items, with loop variables and elements replaced."""
-        filled = (self.filled(item, values) for item, values in self._expanded(items, {}))
+    def unroll(self, items: Sequence[_Item | tree.Repeated]) -> list[_Item]:
+        """All items, loops unrolled, with numbers for loop variables and names for elements."""
+        filled = (self.filled(item, values) for item, values in self._unrolled(items, {}))
         return [cast("_Item", item) for item in filled if item is not None]
 
     def filled(self, item: object, values: Values) -> object | None:
-        """An item with its loop variables and elements replaced; None after a report."""
+        """Gives an item with its loop variables and elements replaced; None after a report."""
         try:
             concrete_item = self._filled_syntax(item, values)
         except _LostError:
@@ -91,7 +88,7 @@ class Unroller:
             return replace(concrete_item, in_loop=True)
         return concrete_item
 
-    def _expanded(self, items: Sequence[object], values: Values) -> Iterator[tuple[object, Values]]:
+    def _unrolled(self, items: Sequence[object], values: Values) -> Iterator[tuple[object, Values]]:
         for item in items:
             if not isinstance(item, tree.Repeated):
                 yield item, values
@@ -110,11 +107,11 @@ class Unroller:
                     self._left = -1
                     return
                 self._left -= len(item.items)
-                yield from self._expanded(item.items, {**values, item.name.text: i})
+                yield from self._unrolled(item.items, {**values, item.name.text: i})
 
     @property
     def has_too_many(self) -> bool:
-        """Whether the items were more than ITEMS_MAX, which has been reported."""
+        """Whether the loops came to more than ITEMS_MAX items, which has been reported."""
         return self._left < 0
 
     def _report_too_many(self, item: tree.Repeated) -> None:
@@ -145,7 +142,7 @@ class Unroller:
     def _int_of(
         self, expr: tree.SyntaxExpr, values: Values, subject: str, code: Code = "T008"
     ) -> int:
-        """The value of a constant expression over loop variables; raises `_LostError`."""
+        """Gives the value of a constant expression over loop variables; raises `_LostError`."""
         expr = self._filled_expr(expr, values)
         if isinstance(expr, tree.IntLit):
             return expr.value
@@ -162,7 +159,7 @@ class Unroller:
         return concrete_expr
 
     def _filled_syntax(self, node: object, values: Values) -> object:
-        """The syntax with numbers in place of loop variables, and names in place of elements."""
+        """Gives syntax with numbers for loop variables, and with names for elements."""
         if isinstance(node, tuple):
             parts = tuple(self._filled_syntax(x, values) for x in node)
             return parts if any(a is not b for a, b in zip(parts, node, strict=True)) else node
@@ -195,7 +192,7 @@ class Unroller:
     # ------------------------------------------------------------ elements
 
     def _element_name(self, name: tree.Name, values: Values) -> tree.Name:
-        """The name `r[0]` for `r[i]`."""
+        """Gives the name `r[0]` for `r[i]`."""
         if not isinstance(name, tree.ElementName):
             return name
         subject = f"the index of `{name.text}`"
@@ -206,7 +203,7 @@ class Unroller:
         return tree.Name(text, name.span)
 
     def _filled_path(self, path: tree.DottedPath, values: Values) -> tree.DottedPath:
-        """A path with names in place of elements; reports an element that does not exist."""
+        """Gives a path with names for elements; reports an element that does not exist."""
         if not any(isinstance(p, tree.ElementName) for p in path.parts):
             return path
         names: list[tree.Name] = []
@@ -221,7 +218,7 @@ class Unroller:
         return tree.DottedPath(tuple(names), path.span)
 
     def _filled_index(self, node: tree.IndexExpr, values: Values) -> tree.SyntaxExpr:
-        """The name of an element for `r[i]` if `r` is an array of instances."""
+        """Gives the name of an element for `r[i]` if `r` is an array of instances."""
         base: tree.SyntaxExpr = node
         indices: list[tree.SyntaxExpr] = []
         while isinstance(base, tree.IndexExpr):
@@ -253,7 +250,7 @@ class Unroller:
         return result
 
     def _placed_in(self, names: Sequence[tree.Name]) -> Mapping[str, typed.InstanceSymbol] | None:
-        """Gives the instances of the system that holds a path's last part; or None."""
+        """The instances in the system that a path of instances leads to; None if it does not."""
         inside = self.instances
         for name in names:
             instance = inside.get(name.text)
@@ -328,7 +325,7 @@ _FILLED = (
 class Wires(CheckerPart):
     """Finds the topics that instances are wired to."""
 
-    def end(
+    def topic_at_far_end(
         self, path: tree.DottedPath, instances: dict[str, typed.InstanceSymbol], scope: FileScope
     ) -> typed.TopicSymbol | None:
         """The topic that `topic`, `file.topic` or `instance.topic` means; None after a report."""
@@ -341,15 +338,15 @@ class Wires(CheckerPart):
             for topic in self.shared.topics_of(symbol):
                 if topic.name.rsplit(".", 1)[-1] == names[-1].text:
                     prefix = [n.text for n in names[:-1]]
-                    return self.shared.stand_in(symbol, prefix, topic, names[-1].span)
+                    return self.shared.topic_of_instance(symbol, prefix, topic, names[-1].span)
         if symbol in self.shared.damaged:
             self.shared.names.losses += 1
             return None
-        self._report_no_topic(path, symbol, depth)
+        self._report_path_without_topic(path, symbol, depth)
         return None
 
     def is_parameter(self, inner: tree.Ref, outer: tree.DottedPath, scope: FileScope) -> bool:
-        """Whether a wire names a parameter, which is set instead; then it reports N003."""
+        """Whether a wire names a parameter, which a wire cannot set; then it reports N003."""
         entry = scope.entries.get(inner.name.text) if inner.qualifier is None else None
         if entry is None or entry.kind != "parameter":
             return False
@@ -365,7 +362,7 @@ class Wires(CheckerPart):
     def report_backwards(
         self, inner: tree.Ref, outer: tree.DottedPath, topic: typed.TopicSymbol
     ) -> None:
-        """Reports M011 for a wire that a publisher has to the input of another instance."""
+        """Reports M011 of a wire that leads from a publisher to another instance's input."""
         helps: tuple[Help, ...] = ("wire it to a topic that is declared without `input`",)
         names = outer.span.text.rpartition(".")
         if names[0]:
@@ -383,7 +380,7 @@ class Wires(CheckerPart):
     def is_reversed(
         self, symbol: object, inner: typed.TopicSymbol, outer: typed.TopicSymbol
     ) -> bool:
-        """Whether an instance of `symbol` would drive, by its topic `inner`, an input."""
+        """Whether a wire makes an instance of `symbol` publish, by its topic `inner`, an input."""
         return outer.input and not inner.input and self._drives_topic(symbol, inner)
 
     def _drives_topic(self, symbol: object, topic: typed.TopicSymbol) -> bool:
@@ -402,7 +399,7 @@ class Wires(CheckerPart):
             if inner is not topic or topic not in i.renames
         )
 
-    def _report_no_topic(self, path: tree.DottedPath, symbol: object, depth: int) -> None:
+    def _report_path_without_topic(self, path: tree.DottedPath, symbol: object, depth: int) -> None:
         """Reports N004 for a path that leads to no topic."""
         helps: tuple[Help, ...] = ()
         notes: tuple[str, ...] = ("right of `=` stands a topic, or a topic of another instance",)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.language.check.checker_interface import Context
-from soter.language.check.dots_and_brackets import listed, number_path
+from soter.language.check.dots_and_brackets import hint_to_one_number, listed
 from soter.language.check.expression_base import CheckerPart, has_error
 from soter.language.check.parts.node import period_or_unknown
 from soter.language.check.parts.plans import join_steps, sc_and_its_topic
@@ -42,7 +42,7 @@ class ModuleChecker(CheckerPart):
     ) -> list[typed.NodeSymbol | None]:
         return [self._node_of(ref, scope) for ref in refs]
 
-    def _one_sc(
+    def _safe_controller(
         self, sc: tree.Ref | tree.Synthesized | None, ac: typed.NodeSymbol | None, context: Context
     ) -> typed.NodeSymbol | None:
         if isinstance(sc, tree.Synthesized):
@@ -52,7 +52,7 @@ class ModuleChecker(CheckerPart):
     def signature(
         self, decl: tree.RtaDecl, scope: FileScope, full: str
     ) -> typed.ModuleSymbol | None:
-        """Checks controllers and period; the symbol, or None if one of them is missing."""
+        """Checks controllers and period; gives the symbol, or None if one of them is missing."""
         context = Context(scope, f"the declaration of module `{decl.name.text}`")
         parts = {"ac": decl.ac, "sc": decl.sc, "period": decl.period, "safe": decl.safe}
         missing = [word for word, part in parts.items() if part is None]
@@ -62,14 +62,14 @@ class ModuleChecker(CheckerPart):
                 f"module `{decl.name.text}` has no " + " and no ".join(f"`{m}`" for m in missing),
                 decl.name.span,
                 notes=("a module is an advanced and a safe controller, a period and a property",),
-                helps=(_missing_text(decl, scope, missing),),
+                helps=(_text_of_missing_clauses(decl, scope, missing),),
             )
         number = self.number_if_given
         ac = self._node_of(decl.ac, scope)
         plans = self._nodes_of(decl.plans, scope)
         sc, plan = sc_and_its_topic(full, plans)
         if not plans:
-            sc = self._one_sc(decl.sc, ac, context)
+            sc = self._safe_controller(decl.sc, ac, context)
         subject, period_expr = "a period", decl.period
         period = (
             None
@@ -111,7 +111,7 @@ class ModuleChecker(CheckerPart):
         return module
 
     def _check_shield(self, decl: tree.RtaDecl, context: Context) -> typed.TypedExpr | None:
-        """Gives into how many cells commands are cut; M027 for `shield;` without `rest`."""
+        """How many cells commands are divided into; reports M027 for `shield;` without `rest`."""
         if not isinstance(decl.shield, tree.EachCommand):
             return self.number_if_given(decl.shield, context, INT, "`shield`")
         if decl.rest is None and decl.name.text not in context.scope.broken:
@@ -208,7 +208,7 @@ class ModuleChecker(CheckerPart):
                     "again",
                     also=((first[move.topic, move.path].path.span, "the first time"),),
                 )
-        for word, other in _beside_rest(decl):
+        for word, other in _clauses_excluded_by_rest(decl):
             quoted = f"`{word}`" if " " not in word else f"the words {word}"
             self.diagnostics.error(
                 "M029",
@@ -234,7 +234,7 @@ class ModuleChecker(CheckerPart):
         for node in nodes([condition]):
             if isinstance(node, typed.AgeRead):
                 reads = f"reads the age of `{node.topic.name}`"
-            elif isinstance(node, typed.TypedCall) and (f := calls.extern_below(node.fun)):
+            elif isinstance(node, typed.TypedCall) and (f := calls.extern_called_by(node.fun)):
                 reads = f"calls the extern `{f.name}`"
             else:
                 continue
@@ -264,7 +264,7 @@ class ModuleChecker(CheckerPart):
             f"expected `float`, found `{t}`",
             item.path.span,
             "what moves is a `float`",
-            helps=(number_path(t, item.path),),
+            helps=(hint_to_one_number(t, item.path),),
         )
         return None
 
@@ -390,8 +390,8 @@ class ModuleChecker(CheckerPart):
             )
 
 
-def _beside_rest(decl: tree.RtaDecl) -> Iterator[tuple[str, Span]]:
-    """Yields clauses, of the module and of its `verify` block, that `rest` excludes."""
+def _clauses_excluded_by_rest(decl: tree.RtaDecl) -> Iterator[tuple[str, Span]]:
+    """Yields the clauses of a module and of its `verify` block that `rest` excludes, with place."""
     for word in ("ttf", "safer", "shield"):
         part = getattr(decl, word)
         if part is not None and not isinstance(part, tree.EachCommand):
@@ -413,18 +413,18 @@ def _beside_rest(decl: tree.RtaDecl) -> Iterator[tuple[str, Span]]:
         yield "induction", verify.induction
 
 
-def _nodes_alike(name: str, scope: FileScope) -> list[str]:
-    """Other nodes of this file with the outputs of node `name`; without it any with outputs."""
+def _nodes_with_same_outputs(name: str, scope: FileScope) -> list[str]:
+    """Gives other nodes that publish what node `name` does; all that publish, if it is unknown."""
     known = [e.decl for e in scope.entries.values() if isinstance(e.decl, tree.NodeDecl)]
     outputs = {d.name.text: {p.topic.text for p in d.publishes} for d in known}
     wanted = outputs.get(name)
     return [n for n, topics in outputs.items() if n != name and topics and wanted in (None, topics)]
 
 
-def _missing_text(decl: tree.RtaDecl, scope: FileScope, missing: list[str]) -> str:
-    """Text of missing clauses to add, with nodes of this file that fit."""
+def _text_of_missing_clauses(decl: tree.RtaDecl, scope: FileScope, missing: list[str]) -> str:
+    """Gives the text of the missing clauses, with nodes of this file that fit."""
     other = next((p.text for p in (decl.ac, decl.sc) if isinstance(p, tree.Ref)), "")
-    alike = _nodes_alike(other, scope)
+    alike = _nodes_with_same_outputs(other, scope)
     examples = {"ac": "ac ...;", "sc": "sc ...;", "period": "period 50ms;", "safe": "safe ...;"}
     if other and alike:
         examples |= {"ac": f"ac {alike[0]};", "sc": f"sc {alike[0]};"}

@@ -43,7 +43,7 @@ def check_binding(source: str | None, span: Span | None, diagnostics: Diagnostic
 
 
 def located_binding(source: str | None, scope: FileScope) -> str | None:
-    """A binding whose files are found from the folder of the file that declares it."""
+    """Gives a binding with paths from the folder of the file that declares it."""
     binding = binding_of(source)
     return source if binding is None else str(binding.beside(scope.loaded.path.parent))
 
@@ -53,7 +53,7 @@ UNKNOWN = "<error>"
 
 
 def period_or_unknown(period: typed.TypedExpr) -> typed.TypedExpr:
-    """The period, or after a report a literal that `system_numbers.py` ignores."""
+    """Gives the period, or after a report a literal that `system_numbers.py` ignores."""
     return typed.Literal(DURATION, period.span, 0, UNKNOWN) if has_error(period) else period
 
 
@@ -77,7 +77,7 @@ class NodeChecker(CheckerPart):
     """Checks nodes of one program."""
 
     def signature(self, decl: tree.NodeDecl, scope: FileScope, full: str) -> typed.NodeSymbol:
-        """Checks everything but the code, and returns the symbol."""
+        """Checks all of a node but its code, and gives the symbol."""
         context = Context(scope, f"the declaration of node `{decl.name.text}`")
         period = self.shared.number(decl.period, context, DURATION, "a period")
         phase = self.number_if_given(decl.phase, context, DURATION, "a phase")
@@ -114,7 +114,7 @@ class NodeChecker(CheckerPart):
     def _check_takes(
         self, decl: tree.NodeDecl, context: Context
     ) -> tuple[typed.TypedExpr, typed.TypedExpr] | None:
-        """How long a step lasts, at least and at most; None if not declared or after a report."""
+        """Gives the least and the longest time of a step; None if undeclared, or after a report."""
         if decl.takes is None:
             return None
         low, high = (
@@ -166,7 +166,7 @@ class NodeChecker(CheckerPart):
         subscribes: dict[typed.TopicSymbol, typed.Subscribed],
         bursts: dict[typed.TopicSymbol, int],
     ) -> dict[typed.TopicSymbol, Span]:
-        """Checks outputs, sets `bursts`; M001: I, O are disjoint (paper, Definition of a node)."""
+        """Gives outputs with place; sets `bursts`, reports M001 of outputs that are inputs."""
         span_by_topic: dict[typed.TopicSymbol, Span] = {}
         for publication in decl.publishes:
             ref = publication.topic
@@ -204,20 +204,20 @@ class NodeChecker(CheckerPart):
                 helps=("put values that belong together into one record",),
             )
         if decl.extern:
-            self._compare_short_names(
+            self._require_distinct(
                 decl, [s.topic for s in subscribes.values()], subscribes, "reads"
             )
-            self._compare_short_names(decl, list(span_by_topic), span_by_topic, "publishes")
+            self._require_distinct(decl, list(span_by_topic), span_by_topic, "publishes")
         return span_by_topic
 
-    def _compare_short_names(
+    def _require_distinct(
         self,
         decl: tree.NodeDecl,
         topics: list[typed.TopicSymbol],
         spans: Mapping[typed.TopicSymbol, typed.Subscribed | Span],
         verb: str,
     ) -> None:
-        """Reports M017 for an extern's topics with equal last names, by which it knows them."""
+        """Reports M017 of an extern's topics with equal last names: its code knows only these."""
         taken: dict[str, typed.TopicSymbol] = {}
         for topic in topics:
             short = topic.name.rpartition(".")[2]
@@ -261,7 +261,7 @@ class NodeChecker(CheckerPart):
             variables[local.name.text] = typed.Variable(
                 local.name.text, t, "local", local.name.span
             )
-            self.shared.names.note(local.name.span, variables[local.name.text])
+            self.shared.names.note_meaning(local.name.span, variables[local.name.text])
             initial.append(value)
         return list(variables.values()), initial
 
@@ -303,7 +303,7 @@ class NodeChecker(CheckerPart):
     # ------------------------------------------------------------ code
 
     def check_body(self, node: typed.NodeSymbol, decl: tree.NodeDecl, scope: FileScope) -> None:
-        """Checks contracts, the code on takeover, and the step."""
+        """Checks contracts, the code that runs on takeover, and the step."""
         frame = {v.name: v for v in node.locals}
         inputs = {s.topic for s in node.subscribes}
         where = f"node `{decl.name.text}`"
@@ -343,10 +343,10 @@ class NodeChecker(CheckerPart):
             node.initial += (None,) * len(context.choices)
             context.choices = None
         if not decl.extern and not scope.loaded.library:
-            self._warn(node, decl, context)
+            self._warn_unused(node, decl, context)
 
     def _check_contracts(self, node: typed.NodeSymbol, decl: tree.NodeDecl, step: Context) -> None:
-        """Checks `assumes` and `guarantees`, over topics, the time and modes, not locals."""
+        """Checks `assumes` and `guarantees`, which read topics, the time and modes, no locals."""
         inputs = {s.topic for s in node.subscribes}
         context = Context(
             step.scope,
@@ -367,7 +367,7 @@ class NodeChecker(CheckerPart):
         node.assumes = tuple(e for e in assumes if not has_error(e))
         node.guarantees = tuple(e for e in guarantees if not has_error(e))
 
-    def _warn(self, node: typed.NodeSymbol, decl: tree.NodeDecl, context: Context) -> None:
+    def _warn_unused(self, node: typed.NodeSymbol, decl: tree.NodeDecl, context: Context) -> None:
         name = decl.name.text
         published = self.shared.published.get(node, set())
         spans = {

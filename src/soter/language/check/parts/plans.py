@@ -25,22 +25,22 @@ if TYPE_CHECKING:
 def sc_and_its_topic(
     module: str, plans: Sequence[typed.NodeSymbol | None]
 ) -> tuple[typed.NodeSymbol | None, typed.TopicSymbol | None]:
-    """The node `sc` of a module (its full name), as yet without a step, and the topic it reads.
+    """Gives the node `sc` of a module, as yet without a step, and the topic of its plan's number.
 
-    None where there are no plans, or one is unknown.
+    (None, None) if the module has no plans, or one is unknown. `module` is its full name.
     """
     known = [p for p in plans if p is not None]
     if not known or len(known) < len(plans):
         return None, None
     first, read = known[0], {s.topic: s for p in known for s in p.subscribes}
-    node = first.doing((), tuple(read.values()))
+    node = first.node_that_does((), tuple(read.values()))
     number = IntType(0, len(plans) - 1)
     topic = typed.TopicSymbol(f"{module}.plan", first.span, number, False, {}, None, None)
     return replace(node, name=f"{module}.sc", takes=None), topic
 
 
 def join_steps(module: typed.ModuleSymbol, decl: tree.RtaDecl, diagnostics: Diagnostics) -> None:
-    """Gives the SC of a module its step, once the steps of its plans are checked; reports M030."""
+    """Gives a module's SC its step, once the steps of the plans are checked; reports M030."""
     assert module.plan is not None
     topic, span = module.plan, module.sc.span
     if decl.rest is None:
@@ -52,7 +52,7 @@ def join_steps(module: typed.ModuleSymbol, decl: tree.RtaDecl, diagnostics: Diag
             helps=(f"write `rest ... within ...;`, or one plan alone: `sc {decl.plans[0].text};`",),
         )
     for k, (plan, ref) in enumerate(zip(module.plans, decl.plans, strict=True)):
-        for why in _why_not_exchanged(module, k, plan):
+        for why in _why_no_exchange(module, k, plan):
             diagnostics.error(
                 "M030",
                 f"`{plan.name}` cannot be one of several plans: it {why}",
@@ -77,7 +77,7 @@ def join_steps(module: typed.ModuleSymbol, decl: tree.RtaDecl, diagnostics: Diag
     module.sc.step = (typed.TypedIf(span, tuple(arms[:-1]), arms[-1][1]),)
 
 
-def _why_not_exchanged(module: typed.ModuleSymbol, k: int, plan: typed.NodeSymbol) -> Iterator[str]:
+def _why_no_exchange(module: typed.ModuleSymbol, k: int, plan: typed.NodeSymbol) -> Iterator[str]:
     first = module.plans[0]
     wrong = {
         "is named twice": plan in module.plans[:k],

@@ -50,7 +50,7 @@ class PlantChecker(CheckerPart):
     """Checks plants of one program."""
 
     def signature(self, decl: tree.PlantDecl, scope: FileScope, full: str) -> typed.PlantSymbol:
-        """Checks everything but the right-hand sides, and returns the symbol."""
+        """Checks all of a plant but its right-hand sides, and gives the symbol."""
         context = Context(scope, f"the declaration of plant `{decl.name.text}`")
         period = self.shared.number(decl.period, context, DURATION, "a period")
         check_binding(decl.source, decl.source_span, self.diagnostics)
@@ -148,7 +148,7 @@ class PlantChecker(CheckerPart):
                 )
                 continue
             states[s.name.text] = typed.Variable(s.name.text, t, "state", s.name.span, used=True)
-            self.shared.names.note(s.name.span, states[s.name.text])
+            self.shared.names.note_meaning(s.name.span, states[s.name.text])
             initial.append(value)
             ranges.append(interval)
         return list(states.values()), initial, ranges
@@ -208,7 +208,7 @@ class PlantChecker(CheckerPart):
                 t = ERROR
             variable = typed.Variable(d.name.text, t, "disturbance", d.name.span)
             taken[d.name.text] = variable
-            self.shared.names.note(d.name.span, variable)
+            self.shared.names.note_meaning(d.name.span, variable)
             if interval is None:
                 zero = typed.Literal(FLOAT, d.interval.span, 0.0)
                 interval = (zero, zero)
@@ -238,7 +238,7 @@ class PlantChecker(CheckerPart):
         self._check_drives(plant, decl, context)
         plant.measured = tuple(self._check_measured(plant, decl, scope))
         if not plant.extern and not scope.loaded.library:
-            self._warn(plant, decl, context)
+            self._warn_unused(plant, decl, context)
 
     def _check_let(
         self, item: tree.PlantLet, frame: dict[str, typed.Variable], context: Context
@@ -256,7 +256,7 @@ class PlantChecker(CheckerPart):
             first.used = True
         variable = typed.Variable(item.name.text, variable_type, "plantlet", item.name.span)
         frame[item.name.text] = variable
-        self.shared.names.note(item.name.span, variable)
+        self.shared.names.note_meaning(item.name.span, variable)
         return variable, value
 
     def _check_der(self, plant: typed.PlantSymbol, decl: tree.PlantDecl, context: Context) -> None:
@@ -268,7 +268,7 @@ class PlantChecker(CheckerPart):
         for table, items, word in ((plant.der, decl.der, "der"), (plant.next, decl.next, "next")):
             for name, expr in items:
                 variable = states.get(name.text)
-                self.shared.names.note(name.span, variable)
+                self.shared.names.note_meaning(name.span, variable)
                 wanted = variable.type if variable else None
                 because = (variable.span, f"the state is `{wanted}`") if variable else None
                 at = replace(context, choices=None) if word == "der" else context
@@ -298,7 +298,7 @@ class PlantChecker(CheckerPart):
         moved: dict[str, Span],
         context: Context,
     ) -> None:
-        """Reports X010 for an extern plant with dynamics, M006 for another one without states."""
+        """Reports X010 of an extern plant with dynamics, M006 of any other plant without states."""
         if plant.extern and moved:
             self.diagnostics.error(
                 "X010",
@@ -340,7 +340,7 @@ class PlantChecker(CheckerPart):
     def _check_drives(
         self, plant: typed.PlantSymbol, decl: tree.PlantDecl, context: Context
     ) -> None:
-        """Checks the values of the driven topics; of two for one topic the first counts."""
+        """Checks the values that drive topics; if two drive one topic, the first is kept."""
         values: dict[typed.TopicSymbol, typed.TypedExpr] = {}
         for ref, expr in decl.drives:
             topic = self.shared.topic_ref(ref, context.scope)
@@ -367,7 +367,7 @@ class PlantChecker(CheckerPart):
                 continue
             topic, below, t = topic_path
             overlap = next(
-                (s for o, p, s in taken if o is topic and (_starts(below, p) or _starts(p, below))),
+                (s for o, p, s in taken if o is topic and (_begins(below, p) or _begins(p, below))),
                 None,
             )
             if topic not in driven:
@@ -394,7 +394,9 @@ class PlantChecker(CheckerPart):
             taken.append((topic, below, path.span))
         return measured
 
-    def _warn(self, plant: typed.PlantSymbol, decl: tree.PlantDecl, context: Context) -> None:
+    def _warn_unused(
+        self, plant: typed.PlantSymbol, decl: tree.PlantDecl, context: Context
+    ) -> None:
         unused = self.shared.unused
         unused.warn_of_variables([d.variable for d in plant.disturbances])
         unused.warn_of_variables([v for v, _ in plant.lets])
@@ -407,7 +409,7 @@ class PlantChecker(CheckerPart):
 
 
 def unmoved_states(plant: typed.PlantSymbol) -> list[typed.Variable]:
-    """States without `der` and `next`, except constants of a set and names that begin with `_`."""
+    """States without `der` and `next`, but not constants drawn from a range, nor `_` names."""
     if plant.extern:
         return []
     return [
@@ -420,7 +422,7 @@ def unmoved_states(plant: typed.PlantSymbol) -> list[typed.Variable]:
     ]
 
 
-def _starts(path: tuple[str, ...], prefix: tuple[str, ...]) -> bool:
+def _begins(path: tuple[str, ...], prefix: tuple[str, ...]) -> bool:
     return path[: len(prefix)] == prefix
 
 

@@ -50,14 +50,14 @@ class SystemChecker(ItemChecker):
     # ------------------------------------------------------------ instances
 
     def signature(self, decl: tree.SystemDecl, scope: FileScope, full: str) -> typed.SystemSymbol:
-        """Checks the instances, which `other.truth` and other systems need; returns the symbol."""
+        """Checks the instances, which other declarations may name; gives the symbol."""
         instances: dict[str, typed.InstanceSymbol] = {}
         lost: set[str] = set()
         mark = self.shared.mark()
         unroller = Unroller(self.shared, scope, f"system `{decl.name.text}`", instances)
         placed: list[tuple[typed.InstanceSymbol, tree.Instance, Mapping[str, int]]] = []
-        for name, item, values in unroller.names(decl.instances):
-            made_of = self._declaration_of(item, scope)
+        for name, item, values in unroller.named_instances(decl.instances):
+            made_of = self._declaration_of_instance(item, scope)
             if made_of is None:
                 lost |= {name.text, item.name.text}
                 continue
@@ -116,7 +116,7 @@ class SystemChecker(ItemChecker):
         self.shared.check_later(system, decl, scope)
         return system
 
-    def _declaration_of(
+    def _declaration_of_instance(
         self, item: tree.Instance, scope: FileScope
     ) -> typed.PlantSymbol | typed.NodeSymbol | typed.ModuleSymbol | typed.SystemSymbol | None:
         entry = self.shared.names.find_ref(scope, item.what, item.kind or "name")
@@ -182,13 +182,13 @@ class SystemChecker(ItemChecker):
         instances: dict[str, typed.InstanceSymbol],
         scope: FileScope,
     ) -> None:
-        """Checks the wires of an instance, and notes where each inner topic is written."""
+        """Checks the wires of an instance, and notes at which place each is written."""
         renames, spans = symbol.renames, symbol.rename_spans
         for inner_ref, outer_ref in item.renames:
             if self.wires.is_parameter(inner_ref, outer_ref, scope):
                 continue
             inner = self.shared.topic_ref(inner_ref, scope)
-            outer = self.wires.end(outer_ref, instances, scope)
+            outer = self.wires.topic_at_far_end(outer_ref, instances, scope)
             if inner is None or outer is None:
                 continue
             if self.wires.is_reversed(symbol.what, inner, outer):
@@ -221,19 +221,19 @@ class SystemChecker(ItemChecker):
         instances = {i.name: i for i in system.instances}
         system.until = self.time(decl.until, Context(scope, where), "`until`")
         lost = self.shared.lost[system]
-        context = self.inside(scope, decl.name.text, instances, lost)
-        unroller = Unroller(self.shared, scope, where, instances)
-        properties = [self.property(p, context) for p in unroller.items(decl.properties)]
+        context = self.property_context(scope, decl.name.text, instances, lost)
+        unroll = Unroller(self.shared, scope, where, instances).unroll
+        properties = [self.property(p, context) for p in unroll(decl.properties)]
         system.properties = tuple(p for p in properties if p is not None)
-        self._enter_forces(system, decl.name.text, unroller.items(decl.forces))
-        system.replaces = tuple(self.replaces(unroller.items(decl.replaces), scope))
-        system.inlines = tuple((i.what.text, i.what.span) for i in unroller.items(decl.inlines))
+        self._enter_forces(system, decl.name.text, unroll(decl.forces))
+        system.replaces = tuple(self.replacements(unroll(decl.replaces), scope))
+        system.inlines = tuple((i.what.text, i.what.span) for i in unroll(decl.inlines))
         inside = [(i.name, s) for i in system.instances for s in self.settings.get(i, ())]
-        pairs = [("", s) for s in unroller.items(decl.sets)]
-        system.sets = tuple(self.sets.all([*pairs, *inside], system, scope))
-        system.inputs = tuple(self.inputs(unroller.items(decl.inputs), context))
+        pairs = [("", s) for s in unroll(decl.sets)]
+        system.sets = tuple(self.sets.check_settings([*pairs, *inside], system, scope))
+        system.inputs = tuple(self.inputs(unroll(decl.inputs), context))
         system.externals = check_externals(self, decl, scope)
-        enter_measures_and_faults(self.shared, system, decl, context, unroller.items(decl.faults))
+        enter_measures_and_faults(self.shared, system, decl, context, unroll(decl.faults))
 
     def _enter_forces(self, system: typed.SystemSymbol, name: str, items: list[tree.Force]) -> None:
         instances = system.by_name
@@ -266,7 +266,7 @@ class SystemChecker(ItemChecker):
 
 
 def _module_helps(instances: dict[str, typed.InstanceSymbol], node: str) -> tuple[str, ...]:
-    """Help for a node's name where that of its module is meant."""
+    """Gives help for a node's name: the module that the node belongs to."""
     for name, instance in instances.items():
         symbol = instance.what
         if isinstance(symbol, typed.ModuleSymbol) and node in [n.name for n in symbol.named]:
@@ -275,14 +275,14 @@ def _module_helps(instances: dict[str, typed.InstanceSymbol], node: str) -> tupl
 
 
 class TestChecker(SystemChecker):
-    """Checks systems and tests of one program."""
+    """Checks systems and tests of one program; each is one class because they share items."""
 
     __test__ = False  # pytest must not collect this class
 
     def test_signature(
         self, decl: tree.TestDecl, scope: FileScope, full: str
     ) -> typed.TestSymbol | None:
-        """The symbol of a test with the system that it names, or None after a report."""
+        """Gives the symbol of a test with the system that it names, or None after a report."""
         if decl.system is None:
             if decl.name.text not in scope.broken:
                 self.diagnostics.error(
@@ -315,21 +315,21 @@ class TestChecker(SystemChecker):
         mark = self.shared.mark()
         context = Context(scope, f"test `{name}`")
         instances = test.system.by_name
-        unroller = Unroller(self.shared, scope, f"test `{name}`", instances)
+        unroll = Unroller(self.shared, scope, f"test `{name}`", instances).unroll
         test.skew = self.time(decl.skew, context, "`skew`")
         test.horizon = self.time(decl.horizon, context, "`horizon`")
         test.quantum = self.time(decl.quantum, context, "`quantum`")
-        test.replaces = tuple(self.replaces(unroller.items(decl.replaces), scope, in_test=True))
-        inside = self.inside(scope, name, instances, self.shared.lost[test.system])
-        properties = [self._check_asked(p, inside, test) for p in unroller.items(decl.properties)]
+        test.replaces = tuple(self.replacements(unroll(decl.replaces), scope, in_test=True))
+        inside = self.property_context(scope, name, instances, self.shared.lost[test.system])
+        properties = [self._test_property(p, inside, test) for p in unroll(decl.properties)]
         test.properties = tuple(p for p in properties if p is not None)
-        test.faults = tuple(self._check_fault(f, context) for f in unroller.items(decl.faults))
-        test.inputs = tuple(self.inputs(unroller.items(decl.inputs), inside))
-        pairs = [("", s) for s in unroller.items(decl.sets)]
+        test.faults = tuple(self._check_fault(f, context) for f in unroll(decl.faults))
+        test.inputs = tuple(self.inputs(unroll(decl.inputs), inside))
+        pairs = [("", s) for s in unroll(decl.sets)]
         test.order = decl.order
-        stated = [self._check_stated(s, inside) for s in unroller.items(decl.stated)]
+        stated = [self._check_stated(s, inside) for s in unroll(decl.stated)]
         test.stated = tuple(s for s in stated if s is not None)
-        test.sets = tuple(self.sets.all(pairs, test.system, scope))
+        test.sets = tuple(self.sets.check_settings(pairs, test.system, scope))
         if self.shared.mark() != mark or name in scope.broken:
             self.shared.damaged.add(test)
 
@@ -340,7 +340,7 @@ class TestChecker(SystemChecker):
         return typed.FaultSymbol(item.kind, item.component.text, by, count, item.component.span)
 
     def _check_stated(self, item: tree.StatedValues, context: Context) -> typed.StatedSymbol | None:
-        """Checks stated values of a topic or a field; `stated_values.py` asks who publishes it."""
+        """Checks what a test states of a topic or field; `stated_values.py` asks who publishes."""
         mark_used(item.topic, context.scope)
         read = self.shared.check_expr(path_expr(item.topic), context)
         if has_error(read):
@@ -371,10 +371,10 @@ class TestChecker(SystemChecker):
 
     # ------------------------------------------------------------ properties
 
-    def _check_asked(
+    def _test_property(
         self, item: tree.PropertyItem, context: Context, test: typed.TestSymbol
     ) -> typed.PropertySymbol | None:
-        """Checks a property, `invariant(M)` and `invariants` included."""
+        """Checks a property of a test, `invariant(M)` and `invariants` included."""
         call = invariant_call(item, context)
         if call is None or item.kind != "always":
             return self.property(item, context)
@@ -389,7 +389,7 @@ class TestChecker(SystemChecker):
     def _module_path(
         self, argument: tree.SyntaxExpr, context: Context, test: typed.TestSymbol
     ) -> str | None:
-        """The instance path of the module that an argument means; None after a report."""
+        """Gives the instance path of the module that an argument means; None after a report."""
         instances = context.instances or {}
         names = flat_names(argument) or []
         symbol, depth = find_instance(instances, names)

@@ -35,16 +35,16 @@ if TYPE_CHECKING:
 class SettingReader(CheckerPart):
     """Checks the `set` items of systems and tests."""
 
-    def all(
+    def check_settings(
         self,
         items: Iterable[tuple[str, tree.SetParam]],
         system: typed.SystemSymbol,
         scope: FileScope,
     ) -> list[typed.SetSymbol]:
-        """Checks pairs (instance in whose braces it stands or "", item); N002 for repeated ones."""
+        """Checks `set` items, each with the instance whose braces hold it or ""; N002 if twice."""
         setting_by_key: dict[tuple[str, typed.ParamSymbol], typed.SetSymbol] = {}
         for home, item in items:
-            symbol = self._read_one(home, item, system, scope)
+            symbol = self._check_setting(home, item, system, scope)
             if symbol is None:
                 continue
             key = symbol.path, symbol.param
@@ -54,7 +54,7 @@ class SettingReader(CheckerPart):
                 self.shared.names.report_twice(f"`{name}` is set twice", symbol.span, first.span)
         return list(setting_by_key.values())
 
-    def _read_one(
+    def _check_setting(
         self, home: str, item: tree.SetParam, system: typed.SystemSymbol, scope: FileScope
     ) -> typed.SetSymbol | None:
         names = item.param.parts
@@ -103,7 +103,7 @@ class SettingReader(CheckerPart):
 def _instance_helps(
     name: tree.Name, inside: Mapping[str, typed.InstanceSymbol]
 ) -> tuple[Help, ...]:
-    """Helps with the instances of `name`, a plant, node or system in place of an instance."""
+    """Gives helps with the instances of `name`, if it is a declaration and no instance."""
     paths = [p for p, i in inside.items() if i.what.name.rpartition(".")[2] == name.text]
     if not paths:
         return ()
@@ -119,7 +119,7 @@ def enter_measures_and_faults(
     inside: Context,
     faults: list[tree.SystemFault],
 ) -> None:
-    """Fills in measures and faults; `inside`: the context of a property of the system."""
+    """Fills in the measures and faults of a system; `inside` is the context of its properties."""
     system.measures = tuple(_check_measures(shared, decl.measures, inside))
     place = Context(inside.scope, f"the faults of `{decl.name.text}`")
     system.faults = tuple(_check_fault(shared, f, place) for f in faults)
@@ -172,7 +172,7 @@ def _check_fault(
 
 
 def mark_used(path: tree.DottedPath, scope: FileScope) -> None:
-    """Marks the names of a path as used, which is only replaced or disturbed."""
+    """Marks the names of a path as used, which a test replaces or disturbs."""
     for part in path.parts:
         if part.text in scope.entries:
             scope.entries[part.text].used = True
@@ -193,14 +193,14 @@ class ItemChecker(CheckerPart):
         """The typed expression of a time, whose value each system computes; None without one."""
         return self.number_if_given(expr, context, DURATION, subject)
 
-    def inside(
+    def property_context(
         self,
         scope: FileScope,
         name: str,
         instances: dict[str, typed.InstanceSymbol],
         lost: frozenset[str],
     ) -> Context:
-        """The context of a property or an input in the system or test called `name`."""
+        """Gives the context for properties and inputs of the system or test called `name`."""
         return Context(
             scope,
             f"a property of `{name}`",
@@ -251,10 +251,10 @@ class ItemChecker(CheckerPart):
             helps=("write it in a `test` block, or name a node",),
         )
 
-    def replaces(
+    def replacements(
         self, items: list[tree.Replace], scope: FileScope, *, in_test: bool = False
     ) -> list[Replaced]:
-        """Checks `replace A by B;`; a list of what stands in for what."""
+        """Checks `replace A by B;`; gives what is replaced, by what, and where."""
         replacements: list[Replaced] = []
         for item in items:
             if item.by.text == "contract" and "contract" not in scope.entries:
@@ -321,7 +321,7 @@ class ItemChecker(CheckerPart):
         context: Context,
         of: str,
     ) -> tuple[typed.TypedExpr, ...]:
-        """Checks the values that are declared of an input or a stand-in (`of`)."""
+        """Checks the values of an input or a stand-in, which messages call `of`."""
         place = Context(context.scope, f"the value of {of}")
         because = (item.topic.span, f"this is {with_article(read.type)}")
         number = self.shared.number
@@ -369,7 +369,7 @@ class ItemChecker(CheckerPart):
 
 
 def path_expr(path: tree.DottedPath) -> tree.SyntaxExpr:
-    """The path as an expression."""
+    """Gives the path as an expression."""
     first = path.parts[0]
     expr: tree.SyntaxExpr = tree.NameExpr(first.span, first)
     for part in path.parts[1:]:
@@ -378,7 +378,7 @@ def path_expr(path: tree.DottedPath) -> tree.SyntaxExpr:
 
 
 def source_line(expr: tree.SyntaxExpr) -> str:
-    """The text of an expression, on one line."""
+    """Gives the text of an expression on one line."""
     return " ".join(expr.span.text.split())
 
 
@@ -390,7 +390,7 @@ def _property_text(item: tree.PropertyItem) -> str:
 
 
 def invariant_call(item: tree.PropertyItem, context: Context) -> tree.SyntaxExpr | None:
-    """The condition, if it is `invariant(M)` or `invariants` and no declaration has that name."""
+    """Gives the condition if it is `invariant(M)` or `invariants`, as no declaration is called."""
     e = item.condition
     if isinstance(e, tree.CallExpr) and isinstance(e.callee, tree.NameExpr):
         asked = e.callee.name.text == "invariant" and len(e.arguments) == 1
@@ -439,7 +439,7 @@ def check_externals(
 def _check_errors(
     shared: Shared, item: tree.ExternalTopic, topic: typed.TopicSymbol, context: Context
 ) -> Iterator[typed.MeasuredSymbol]:
-    """Yields the checked errors of a topic's leaves, each of which may be given once."""
+    """Yields the checked errors of a topic's leaves, of which each may have one."""
     taken: list[tuple[tuple[str, ...], Span]] = []
     for path, bound in item.measured:
         within = shared.number(bound, context, FLOAT, "the bound of an error")

@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from soter.language.check.checker_interface import Context, mentioned
-from soter.language.check.dots_and_brackets import number_path, part_and_type
+from soter.language.check.checker_interface import Context, names_mentioned
+from soter.language.check.dots_and_brackets import hint_to_one_number, part_and_type
 from soter.language.check.expression_base import CheckerPart, has_error
 from soter.language.model import typed
 from soter.language.model.types import BOOL, DURATION, FLOAT, INT, FloatType
@@ -57,7 +57,7 @@ class VerifyChecker(CheckerPart):
     def _check_sets(
         self, module: typed.ModuleSymbol, where: tree.VerifyBlock | tree.View, scope: FileScope
     ) -> None:
-        """Checks the abstractions and groups of `where`, and enters them in `module.verify`."""
+        """Checks the abstractions and groups in `where`, and enters them in `module.verify`."""
         module.verify.abstracts = tuple(
             link
             for instance, parts in where.abstracts
@@ -105,7 +105,7 @@ class VerifyChecker(CheckerPart):
         block.levels = self.number_if_given(verify.levels, context, INT, "`levels`")
 
     def _times_by_node(self, word: str, delays: tree.Delays) -> dict[str, tree.SyntaxExpr]:
-        """Node name -> its time; `soter verify` checks whether a system has such a node."""
+        """Gives node name -> its time; `soter verify` checks whether a system has such a node."""
         expr_by_node: dict[str, tree.SyntaxExpr] = {}
         for path, expr in delays.nodes:
             if path.text in expr_by_node:
@@ -188,7 +188,7 @@ class VerifyChecker(CheckerPart):
             f"expected `float`, found `{t}`",
             item.path.span,
             "the axis of a grid is a `float`",
-            helps=(number_path(t, item.path),),
+            helps=(hint_to_one_number(t, item.path),),
         )
         return None
 
@@ -199,7 +199,7 @@ class VerifyChecker(CheckerPart):
         verify: tree.VerifyBlock | tree.View,
         scope: FileScope,
     ) -> tuple[Place, Type] | None:
-        """The leaf that an axis names, of a verification plant's state or a topic; None: error."""
+        """The leaf, of a plant's state or a topic, that an axis names, and its type; or None."""
         first = path.parts[0].text
         plants = {link.name: link.plant for link in module.verify.abstracts}
         if first not in plants and any(
@@ -207,7 +207,7 @@ class VerifyChecker(CheckerPart):
         ):
             return None  # its plant has an error that was reported
         if not plants and first not in scope.entries and first not in scope.imports:
-            plants = self._plants_beside(module)
+            plants = self._plants_in_systems_with(module)
         if first in plants:
             return self._state_place(path, plants[first], scope)
         topic = self.shared.topic_path(path, scope)
@@ -221,8 +221,8 @@ class VerifyChecker(CheckerPart):
         below = part_and_type(self.shared, plant.truth, path.parts, scope, plant)
         return None if below is None else ((None, below[0], plant), below[1])
 
-    def _plants_beside(self, module: typed.ModuleSymbol) -> dict[str, typed.PlantSymbol]:
-        """Instance name -> plant, for all plants beside the module in some system."""
+    def _plants_in_systems_with(self, module: typed.ModuleSymbol) -> dict[str, typed.PlantSymbol]:
+        """Gives instance name -> plant, for all plants in the systems that have the module."""
         plant_by_instance: dict[str, typed.PlantSymbol] = {}
         for home in self.shared.names.scopes:
             for entry in home.entries.values():
@@ -263,7 +263,7 @@ class VerifyChecker(CheckerPart):
                     f"expected `float`, found `{t}`",
                     item.path.span,
                     "a command is a `float`",
-                    helps=(number_path(t, item.path),),
+                    helps=(hint_to_one_number(t, item.path),),
                 )
             elif (topic, path) in command_sets:
                 self.diagnostics.error(
@@ -289,7 +289,7 @@ class VerifyChecker(CheckerPart):
         parts: tuple[tree.Abstraction, ...],
         scope: FileScope,
     ) -> list[typed.AbstractionLink]:
-        """Checks `abstracts d by along: Axis = e`, with `e` in every system that has `d`."""
+        """Checks `abstracts d by along: Axis = e`; each system that has `d` must know `e`."""
         links: list[typed.AbstractionLink] = []
         homes = self._module_contexts(module, instance, scope)
         names: dict[str, Span] = {}
@@ -346,7 +346,7 @@ class VerifyChecker(CheckerPart):
 
     def _mark_used(self, expr: tree.SyntaxExpr, scope: FileScope) -> None:
         """Marks as used the names in an expression that cannot be checked."""
-        for qualifier, name, _ in mentioned(expr):
+        for qualifier, name, _ in names_mentioned(expr):
             if qualifier is not None and qualifier in scope.imports:
                 scope.used_imports.add(qualifier)
             elif qualifier is None:

@@ -199,7 +199,7 @@ def _share_a_comparison(ttf: typed.TypedExpr, safer: typed.TypedExpr) -> bool:
 
 
 def _text_without_constants(node: object) -> str:
-    """An expression as text, with `#` for constants and `?` for <, <=, > and >=."""
+    """Gives an expression as text, with `#` for constants and `?` for <, <=, > and >=."""
     if isinstance(node, (typed.Literal, typed.ParamRead)):
         return "#"
     inner = [_text_without_constants(child) for child in children(node)]
@@ -220,7 +220,7 @@ def _text_without_constants(node: object) -> str:
 
 
 def _all_nodes(predicates: Sequence[typed.TypedExpr]) -> list[object]:
-    """All nodes of the predicates and of the functions that they call."""
+    """Gives all nodes of the predicates and of the functions that they call."""
     all_nodes: list[object] = []
     seen: set[typed.FunSymbol] = set()
     todo: list[object] = list(predicates)
@@ -268,7 +268,7 @@ def trials_of_predicates(
 
 
 def numbers_in(predicates: Sequence[typed.TypedExpr]) -> list[float]:
-    """The numbers in the predicates, the middles between neighbours, and their negatives."""
+    """Gives the numbers in the predicates, the middles between neighbours, and their negatives."""
     literals = [n.value for n in _all_nodes(predicates) if isinstance(n, typed.Literal)]
     constants = {float(v) for v in literals if isinstance(v, (int, float)) and abs(v) < 1e12}
     signed = sorted({s * v for v in constants for s in (1.0, -1.0)})[: 2 * NUMBERS_MAX]
@@ -335,7 +335,7 @@ def values_text(system: System, indices: Sequence[int], values: Sequence[Value])
 
 
 def scalars_in(value: Value) -> list[Value]:
-    """The scalars in a value, in order."""
+    """Gives the scalars in a value, in order."""
     return [x for v in value for x in scalars_in(v)] if isinstance(value, tuple) else [value]
 
 

@@ -34,7 +34,7 @@ from soter.language.evaluate.range_evaluation import (
     COMPARISONS,
     RangeEvaluator,
     TooHardError,
-    anything,
+    all_values,
 )
 from soter.language.evaluate.ranges import FALSE, Range
 from soter.language.model import typed
@@ -475,7 +475,7 @@ def _truth_in(scope: Scope, comparison: typed.TypedExpr, ranges: Mapping[str, Ra
     """Gives the truth of a comparison as a range, if `time` or `age` lies in these ranges."""
 
     def read(place: ReadPlace) -> Range:
-        known = ranges[place.kind] if place.kind in ranges else anything(place.type)
+        known = ranges[place.kind] if place.kind in ranges else all_values(place.type)
         if not isinstance(known, Range):
             raise TooHardError
         return known
@@ -485,4 +485,4 @@ def _truth_in(scope: Scope, comparison: typed.TypedExpr, ranges: Mapping[str, Ra
     try:
         return evaluator.number(comparison)
     except TooHardError:
-        return anything(comparison.type)  # type: ignore[no-any-return]
+        return all_values(comparison.type)  # type: ignore[no-any-return]

@@ -30,7 +30,7 @@ from soter.language.evaluate.predicates import maybe_nan
 from soter.language.evaluate.statements import Evaluator
 from soter.language.evaluate.topic_ranges import reader_with_limits, truth_by_parts
 from soter.language.model import typed
-from soter.language.model.system import holder_of
+from soter.language.model.system import name_of_subsystem
 from soter.language.model.tree_walk import nodes, topic_reads
 from soter.language.model.types import default_value, leaf_name, leaves, show_ns, write_ns
 
@@ -384,7 +384,7 @@ def warn_of_inexact_topics(system: System, module: Module, diagnostics: Diagnost
     verify, symbol = module.symbol.verify, module.symbol
     links = [*verify.abstracts, *(link for view in verify.views for link in view.block.abstracts)]
     evaluator = Evaluator({**module.around, **module.scope.params})
-    outer = holder_of(module)
+    outer = name_of_subsystem(module)
     read = {**system.components[module.sc].scope.topics, **module.scope.topics}
     for link in dict.fromkeys(links):
         name = f"{outer}.{link.instance}" if outer else link.instance

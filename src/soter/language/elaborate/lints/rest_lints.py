@@ -20,7 +20,7 @@ from soter.language.elaborate.lints import contradictory_predicates as trials
 from soter.language.elaborate.lints.refuted_at_once import first_values
 from soter.language.evaluate.arithmetic import StepFault, zipper
 from soter.language.evaluate.environment import BudgetExceeded, Environment
-from soter.language.evaluate.range_evaluation import RangeEvaluator, TooHardError, anything
+from soter.language.evaluate.range_evaluation import RangeEvaluator, TooHardError, all_values
 from soter.language.evaluate.statements import Evaluator
 from soter.language.evaluate.topic_ranges import leaf_index, truth_by_parts
 from soter.language.model import typed
@@ -90,7 +90,7 @@ class _Run:
 
         def read(place: ReadPlace) -> Range:
             found.add((place.index, leaf_index(self.system.topics[place.index], place.path)))
-            return cast("Range", anything(place.type))
+            return cast("Range", all_values(place.type))
 
         with suppress(TooHardError):
             RangeEvaluator(self.module.scope, 0, read).number(e)

@@ -18,7 +18,7 @@ from soter.diagnostics.diagnostic import Span
 from soter.diagnostics.fixes import exchange, replace
 from soter.language.check.parts.plant import unmoved_states
 from soter.language.evaluate.integration_stability import groups_that_diverge
-from soter.language.evaluate.range_evaluation import RangeEvaluator, TooHardError, anything
+from soter.language.evaluate.range_evaluation import RangeEvaluator, TooHardError, all_values
 from soter.language.evaluate.ranges import FALSE, TRUE, Range
 from soter.language.evaluate.topic_ranges import reader_of_sets
 from soter.language.model import typed as t
@@ -111,13 +111,13 @@ class _StepRanges(RangeEvaluator):
             self._check_publication(topic, value)
 
     def evaluate(self, e: t.TypedExpr) -> Known:
-        """The range of `e`, or anything if that is too hard; TooHardError without budget."""
+        """Gives the range of `e`, or anything if that is too hard; TooHardError without budget."""
         try:
             return super().evaluate(e)
         except TooHardError:
             if self.left < 0:
                 raise
-            return anything(e.type)
+            return all_values(e.type)
 
     # ------------------------------------------------------------ statements
 
@@ -138,7 +138,7 @@ class _StepRanges(RangeEvaluator):
         else:
             of_all = s.sequence.type
             few = isinstance(of_all, ArrayType) and of_all.size <= ROUNDS
-            rounds = [anything(s.variable.type)]
+            rounds = [all_values(s.variable.type)]
         if few:
             return super()._run_loop(s, returned, of)
         self._forget_assigned(s.body)
@@ -152,7 +152,7 @@ class _StepRanges(RangeEvaluator):
         """Lets variables that `body` assigns be anything, as its rounds are not counted."""
         for n in nodes(body):
             if isinstance(n, t.Place):
-                self.variables[n.variable] = anything(n.variable.type)
+                self.variables[n.variable] = all_values(n.variable.type)
 
     def _check_publication(self, topic: t.TopicSymbol, value: t.TypedExpr) -> None:
         flat = self.system.topics[self.scope.topics[topic]]
@@ -225,7 +225,7 @@ class _StepRanges(RangeEvaluator):
             for a in e.arguments:
                 self.evaluate(a)
         if e.fun.prelude and e.fun.name.rpartition(".")[2] != "clamp":
-            return anything(e.type)
+            return all_values(e.type)
         if e.fun.prelude and not self.silent:
             self._check_clamp_bounds(*e.arguments[1:])
         self.silent += e.fun.prelude

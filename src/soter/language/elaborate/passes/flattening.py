@@ -42,7 +42,7 @@ class PlacedInstance:
     """Name of a node's declaration -> its replacement by contract."""
 
     def controllers(self) -> tuple[typed.NodeSymbol, typed.NodeSymbol]:
-        """AC and SC of a module, replacements applied."""
+        """Gives AC and SC of a module, replacements applied."""
         module = self.symbol
         assert isinstance(module, typed.ModuleSymbol)
         ac = self.replaced.get(module.ac.name, module.ac)

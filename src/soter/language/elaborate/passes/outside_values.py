@@ -51,7 +51,7 @@ def add_inputs(flat: Flattening) -> None:
 
 
 def _declared_values(flat: Flattening, item: typed.InputSymbol, topic: Topic) -> tuple[Value, ...]:
-    """The declared values of an input; reports V005 for one outside the topic's set."""
+    """Gives the declared values of an input; reports V005 for one outside the topic's set."""
     values: list[Value] = []
     for expr in item.values:
         value = flat.number(expr, "the value of an input")

@@ -199,7 +199,7 @@ def _require_two_controllers(flat: Flattening, placed: PlacedInstance, span: Spa
 
 
 def controller_names(module: str, ac: typed.NodeSymbol, sc: typed.NodeSymbol) -> tuple[str, str]:
-    """Full names of AC and SC of a module: `M.Fast`, or `M.ac.Fast` if `M.Fast` is taken."""
+    """Gives full names of AC and SC: `M.Fast`, or `M.ac.Fast` if `M.Fast` is taken."""
     short = [n.name.rpartition(".")[2] for n in (ac, sc)]
     roles = [
         f"{role}.{name}" if short[0] == short[1] or name == "dm" else name

@@ -90,7 +90,7 @@ def make_stand_in(
         for t in topic_reads(*wholes)
         if t not in node.publishes
     )
-    made = node.doing((), subscribes)
+    made = node.node_that_does((), subscribes)
     texts = [_told(n, e) for n, e in clauses]
     left = [t for t, pair in zip(texts, clauses, strict=True) if pair not in used]
     kept = tuple(t for t in texts if t not in left)
@@ -98,7 +98,7 @@ def make_stand_in(
 
 
 def _told(name: str, condition: typed.TypedExpr) -> str:
-    """A clause as text for people, on one line."""
+    """Gives a clause as text for people, on one line."""
     text = " ".join(condition.span.text.split())
     return f"{name}: {text}" if name else text
 
@@ -357,7 +357,7 @@ def _first_choice(value: typed.TypedExpr) -> typed.TypedExpr:
 
 
 def _span_with_text(words: str) -> Span:
-    """A span whose source text is `words`, by which a trace names a choice."""
+    """Gives a span whose source text is `words`, by which a trace names a choice."""
     return Span(Source("contract", words), 0, len(words))
 
 
@@ -378,13 +378,13 @@ class StatedValues:
 
     @property
     def tried(self) -> tuple[Value, ...]:
-        """The values that a stand-in tries: with `promised` also the first value."""
+        """Gives the values that a stand-in tries: with `promised` also the first value."""
         every = (self.first, *self.values) if self.promised else self.values
         return tuple(dict.fromkeys(every))
 
 
 def field_path(read: typed.TypedExpr) -> tuple[typed.TopicSymbol, Path]:
-    """The topic that `read` reads, and the path of its field from the whole inwards."""
+    """Gives the topic that `read` reads, and the path of its field from the whole inwards."""
     path: list[int] = []
     while isinstance(read, typed.TypedField):
         path.append(read.index)
@@ -394,14 +394,14 @@ def field_path(read: typed.TypedExpr) -> tuple[typed.TopicSymbol, Path]:
 
 
 def part_of(value: Value, path: Path) -> Value:
-    """The part of a value at `path`."""
+    """Gives the part of a value at `path`."""
     for index in path:
         value = value[index]
     return value
 
 
 def with_part(value: Value, path: Path, part: Value) -> Value:
-    """The value with `part` at `path`."""
+    """Gives the value with `part` at `path`."""
     if not path:
         return part
     inner = with_part(value[path[0]], path[1:], part)
@@ -409,7 +409,7 @@ def with_part(value: Value, path: Path, part: Value) -> Value:
 
 
 def is_one_of(read: typed.TypedExpr, values: Sequence[Value]) -> typed.TypedExpr:
-    """The condition that `read` equals one of the values, leaf by leaf (0.0 equals -0.0)."""
+    """Gives the condition that `read` equals one of the values, leaf by leaf (0.0 equals -0.0)."""
     each = [joined("&&", [*_equalities(read, v)], read.span) for v in values]
     return joined("||", each, read.span)
 

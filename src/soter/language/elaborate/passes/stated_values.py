@@ -143,7 +143,7 @@ def _constant_value(e: typed.TypedExpr, scope: Scope) -> Value | None:
 
 
 def _settings_in(test: typed.TestSymbol) -> set[tuple[str, typed.ParamSymbol, str]]:
-    """The parameters that a test sets, each with its value as text."""
+    """Gives the parameters that a test sets, each with its value as text."""
     return {(s.path, s.param, repr(s.value)) for s in test.sets}
 
 

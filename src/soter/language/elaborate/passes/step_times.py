@@ -118,7 +118,7 @@ def wcet_and_jitter(
 def _time_ns(
     numbers: Numbers, expr: typed.TypedExpr | None, description: str, *, least: int
 ) -> int | None:
-    """A time of at least `least` ns; None after a report, C001 or C002."""
+    """Gives a time of at least `least` ns; None after a report, C001 or C002."""
     needed = "cannot be negative" if least == 0 else "must be longer than zero"
     value = numbers.time_ns_from(expr, description, least, needed)
     if value is None or expr is None or value <= MAX_PERIOD_NS:

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.fixes import the_other_way
 from soter.language.check.constants_and_types import Calculator
-from soter.language.check.declarations import show
+from soter.language.check.declarations import scalar_text
 from soter.language.check.parts.node import UNKNOWN
 from soter.language.model import typed
 from soter.language.model.types import leaf_count, show_ns
@@ -118,7 +118,7 @@ class Parameters:
         low, high = param.low.value, param.high.value
         if not low <= value <= high:
             span, how = set_at
-            shown = [show(x, param.type) for x in (value, low, high)]
+            shown = [scalar_text(x, param.type) for x in (value, low, high)]
             self.diagnostics.error(
                 "V007",
                 f"parameter `{name}` {how} {shown[0]}, outside [{shown[1]}, {shown[2]}]",

@@ -61,7 +61,7 @@ def _bounds_of_leaves(flat: Flattening, symbol: typed.TopicSymbol) -> tuple[Boun
 
 
 def _first_value(flat: Flattening, symbol: typed.TopicSymbol, bounds: Bounds) -> Value:
-    """The first value of a topic; reports V002 if it lies outside the set."""
+    """Gives the first value of a topic; reports V002 if it lies outside the set."""
     written = symbol.default
     description = f"the default of `{symbol.name}`"
     value = flat.number(written, description)
@@ -121,7 +121,7 @@ def _all_allow_zeros(t: Type, bounds: Bounds) -> bool:
 
 
 def bound_text(bound: Bound) -> str:
-    """The bound as text: `[low, high]`."""
+    """Gives the bound as text: `[low, high]`."""
     return f"[{bound.low!r}, {bound.high!r}]"
 
 

@@ -50,14 +50,14 @@ class BodyParser(StatementParser):
         self.loops = 0  # around the items at hand
 
     def declare(self, subject: str) -> tree.Name:
-        """The name of the declaration at hand."""
+        """Reads the name of the declaration that is being parsed, and remembers it."""
         self.declared = self.name(subject)
         return self.declared
 
     # ------------------------------------------------------------ items
 
     def _open_body(self, subject: str, items: Items) -> int:
-        """Steps over the `{` of a body; the index of it, or of the token in its place."""
+        """Steps over the `{` of a body; gives its index, or that of the token in its place."""
         if self.kinds[self.i] == "{":
             self.opened.append(self.take())
             return self.i - 1
@@ -74,7 +74,7 @@ class BodyParser(StatementParser):
         return self.i - 1
 
     def body(self, subject: str, items: Items, other: Other = None) -> Parts:
-        """`{ items }`: a row for each leading word; `other` tries what has none."""
+        """Reads `{ items }` by the row of each leading word; `other` reads other items."""
         parts = Parts()
         opener = self._open_body(subject, items)
         outer, self.items = self.items, frozenset(items)
@@ -89,8 +89,8 @@ class BodyParser(StatementParser):
             if self.accept("}"):
                 return
             kind = self.kinds[self.i]
-            if kind == EOF or self.at_declaration():
-                if kind != EOF and self.nested_declaration():
+            if kind == EOF or self.is_at_declaration():
+                if kind != EOF and self.is_nested_declaration():
                     self.skip_misplaced_declaration()
                     continue
                 self.damaged = True
@@ -119,20 +119,20 @@ class BodyParser(StatementParser):
                     self.i += 1
 
     def _take_out_colon(self, word: int) -> None:
-        """`period: 50ms;` and `period = 50ms;`: report the sign and take it out."""
+        """Reports the sign in `period: 50ms;` or `period = 50ms;`, and takes it out."""
         sign = self.kinds[word + 1]
         if sign in (":", "="):
             self.i = word + 1
             self.report(
                 "S005",
                 f"no `{sign}` after `{self.texts[word]}`",
-                helps=(self._fix_without(word + 1),),
+                helps=(self._fix_without_token(word + 1),),
                 once=False,
             )
             # The item steps over one token, which is now the sign in place of its word.
             self.texts[word + 1], self.kinds[word + 1] = self.texts[word], self.kinds[word]
 
-    def _fix_without(self, index: int) -> Fix:
+    def _fix_without_token(self, index: int) -> Fix:
         """Gives the edit that leaves one token out, with the blanks around it."""
         start, end = self.ends[index - 1], self.starts[index + 1]
         return replace(Span(self.source, start, end), " ", "leave it out")
@@ -169,11 +169,11 @@ class BodyParser(StatementParser):
             self._skip_loose_statements(message, items)
             return
         known = word in THEIRS or not word.isidentifier()
-        near = None if known else self.close_word(word, items)
+        near = None if known else self.word_close_to(word, items)
         if near is not None:
             self._parse_as(near, message, parts, items)
             return
-        help_ = self._item_without_its_word(word, items)
+        help_ = self._help_for_missing_word(word, items)
         if help_ is not None:
             raise self.failure("S010", message, helps=(help_,))
         if kind == NAME and self.kinds[self.i + 1] in PLACE_FOLLOWS:
@@ -185,19 +185,19 @@ class BodyParser(StatementParser):
     def _at_loose_statement(self) -> bool:
         """Whether a statement begins here, and not a list of topics."""
         kind = self.kinds[self.i]
-        return kind in STATEMENT_WORDS and not (kind == "publish" and self._only_names())
+        return kind in STATEMENT_WORDS and not (kind == "publish" and self._has_only_names())
 
-    def _item_without_its_word(self, word: str, items: Items) -> Help | None:
-        """What to write for `invariant(M);` or, in a system, for `House;`."""
+    def _help_for_missing_word(self, word: str, items: Items) -> Help | None:
+        """Gives what to write for `invariant(M);` or, in a system, for `House;`."""
         if word in ("invariant", "invariants") and "always" in items:
-            return self._asked_with_always(items)
+            return self._advice_to_write_always(items)
         alone = self.kinds[self.i] == NAME and self.kinds[self.i + 1] == ";"
         if alone and not {"system", "until"}.isdisjoint(items):
             return self._lone_name_help(word, items)
         return None
 
     def _parse_as(self, word: str, message: str, parts: Parts, items: Items) -> None:
-        """Report the word at the cursor, and read the item as if `word` led it."""
+        """Reports the word at the cursor, and reads the item as if `word` led it."""
         helps = (replace(self.token_span(self.i), word, f"did you mean `{word}`?"),)
         self.report("S010", message, helps=helps, once=False)
         self.texts[self.i] = word
@@ -215,8 +215,8 @@ class BodyParser(StatementParser):
             return f"write `system {name};`"
         return f"write `node {name};`, `module {name};`, or `c: {name};` for a plant"
 
-    def _asked_with_always(self, items: Items) -> str:
-        """What to write for `invariant(M);`: a property like others."""
+    def _advice_to_write_always(self, items: Items) -> str:
+        """Gives the advice to write `invariant(M);` as a property: `always invariant(M);`."""
         at = self.i
         while self.kinds[at] in (NAME, ".", "(", ")"):
             at += 1
@@ -225,7 +225,7 @@ class BodyParser(StatementParser):
         return f"write `always {text};`{where}"
 
     def _skip_loose_statements(self, message: str, items: Items) -> None:
-        """Statements without a `step {` around them: reported once, read, and left out."""
+        """Reports statements without a `step {` around them once, and skips them."""
         in_a_node = "step" in items
         note = "statements stand inside a `step { ... }` block of a node, or in a function"
         self.report("S010", message, notes=(note,))
@@ -244,15 +244,15 @@ class BodyParser(StatementParser):
         ):
             self.i += 1  # only the opening of the block was missing
 
-    def _only_names(self) -> bool:
-        """Whether `publish` is followed by names only, so that `publishes` is meant."""
+    def _has_only_names(self) -> bool:
+        """Whether only names follow `publish`, so that `publishes` is meant."""
         i = self.i + 1
         while self.kinds[i] in (NAME, ".", ","):
             i += 1
         return self.kinds[i] in (";", "}") or self.kinds[i] in BODY_WORDS
 
     def _keep_once(self, item: Item, parts: Parts, read: Any, at: int) -> None:  # noqa: ANN401
-        """Keep what an item says that may stand once; report the second."""
+        """Keeps the value of an item that may stand once; reports a second one."""
         title, span = item.told or self.texts[at], self.token_span(at)
         if title in parts.first:
             self.quiet = -1
@@ -266,19 +266,19 @@ class BodyParser(StatementParser):
         parts.once.update(zip(item.defaults, values, strict=True))
 
     def refs(self, subject: str) -> list[tree.Ref]:
-        """One name or more, between commas."""
+        """Gives one name or more, between commas."""
         refs = [self.ref(subject)]
-        while self.accept(",") or self.forgotten_comma():
+        while self.accept(",") or self.accept_forgotten_comma():
             refs.append(self.ref(subject))
         return refs
 
-    def forgotten_comma(self) -> bool:
-        """`a b` in a list of names: report and go on as if a comma stood between them."""
+    def accept_forgotten_comma(self) -> bool:
+        """Whether a comma is missing in a list of names, `a b`; then it reports that."""
         i = self.i
         if self.kinds[i] != NAME or self.new_line() or self.kinds[i + 1] not in (",", ";", "."):
             return False
         message = f"expected `,` or `;` after the name, found {self.found()}"
-        if self.kinds[i + 1] != "." and not self._is_a_topic(self.texts[i]):
+        if self.kinds[i + 1] != "." and not self._is_topic_of_file(self.texts[i]):
             gone = Span(self.source, self.ends[i - 1], self.ends[i])
             out = replace(gone, "", f"leave `{printable(self.texts[i])}` out")
             self.report("S005", message, label="no topic is called so", helps=(out,), skip=1)
@@ -286,15 +286,15 @@ class BodyParser(StatementParser):
         self.report("S005", message, self.after_previous(), "`,` is missing here")
         return True
 
-    def _is_a_topic(self, word: str) -> bool:
+    def _is_topic_of_file(self, word: str) -> bool:
         """Whether the file declares a topic of this name, as far as it looks."""
         pairs = zip(self.kinds, self.texts[1:], strict=False)
         return any(kind == "topic" and text == word for kind, text in pairs)
 
-    def head_of(
+    def parse_head_of(
         self, kind: str, name: tree.Name, *, extern: bool
     ) -> tuple[tree.SyntaxExpr, tree.SyntaxExpr | None, str | None, Span | None]:
-        """Period, phase and origin in the head of a node or plant, in any order."""
+        """Reads period, phase and `from` in the head of a node or plant, in any order."""
         rows: dict[str, Step] = {"period": time("`period`"), "from": BodyParser._origin}
         rows |= {"phase": time("`phase`")} if kind == "node" else {}
         if not extern:
@@ -302,11 +302,11 @@ class BodyParser(StatementParser):
         found = clauses(self, kind, rows)
         if "period" not in found:
             found |= {"period": self.period(kind, name), **clauses(self, kind, rows)}
-        origin = found.get("from", (None, None)) if extern else self.stray_origin(kind)
+        origin = found.get("from", (None, None)) if extern else self.refuse_stray_origin(kind)
         return found["period"], found.get("phase"), *origin
 
     def period(self, kind: str, name: tree.Name) -> tree.SyntaxExpr:
-        """The period in the head of a declaration, an ErrorExpr where there is none."""
+        """Reads the period in the head of a declaration; gives an ErrorExpr if it is missing."""
         word = self.texts[self.i]
         example = f"write `{kind} {printable(name.text)} period 10ms {{ ... }}`"
         message = f"expected `period` after the name of the {kind}, found {self.found()}"
@@ -320,7 +320,7 @@ class BodyParser(StatementParser):
         return tree.ErrorExpr(self.after_previous())
 
     def _period_inside(self, kind: str, name: tree.Name) -> Fix | None:
-        """The `period 20ms;` that stands in the body, moved into the head."""
+        """Gives the edit that moves `period 20ms;` from the body into the head; or None."""
         depth, i = 0, self.i
         while self.kinds[i] != EOF and not (depth == 0 and i > self.i):
             depth += (self.kinds[i] == "{") - (self.kinds[i] == "}")
@@ -337,7 +337,7 @@ class BodyParser(StatementParser):
     # ------------------------------------------------------------ common parts
 
     def typed(self, owner: str) -> tree.TypeExpr:
-        """Parses `: type` behind the name of `owner`."""
+        """Parses `: type` after the name of `owner`."""
         if self.accept(":"):
             return type_expression(self, f"the type of {owner}")
         self.report(
@@ -355,7 +355,7 @@ class BodyParser(StatementParser):
         return tree.ErrorTypeExpr(self.after_previous())
 
     def range_of(self, subject: str) -> tree.IntervalExpr:
-        """Parses an interval, which is made of errors if it cannot be read."""
+        """Parses an interval; gives one of ErrorExprs if it cannot be read."""
         start = self.i
         try:
             return self.interval(subject)
@@ -368,7 +368,7 @@ class BodyParser(StatementParser):
     def skip_interval(self, start: int) -> None:
         """Steps past the `]` that closes the interval, if it comes before the item ends."""
         level = self.kinds[start : self.i].count("[") - self.kinds[start : self.i].count("]")
-        while self.kinds[self.i] not in (";", "}", "{", EOF, "=") and not self.at_declaration():
+        while self.kinds[self.i] not in (";", "}", "{", EOF, "=") and not self.is_at_declaration():
             kind = self.kinds[self.i]
             level += (kind == "[") - (kind == "]")
             self.i += 1
@@ -377,7 +377,7 @@ class BodyParser(StatementParser):
         self.quiet = self.i
 
     def origin(self) -> tuple[str | None, Span | None]:
-        """`from "..."` of an extern declaration, if it is there."""
+        """Parses `from "..."` of an extern declaration, if it is there."""
         return self._origin() if self.accept_word("from") else (None, None)
 
     def _origin(self) -> tuple[str | None, Span | None]:
@@ -392,8 +392,8 @@ class BodyParser(StatementParser):
         i = self.take()
         return string_value(self.texts[i]), self.token_span(i)
 
-    def not_extern(self, start: int, origin: Span | None) -> Fix:
-        """`extern`, at `start`, left out, and with it `from "..."`, of which `origin` is a part."""
+    def fix_without_extern(self, start: int, origin: Span | None) -> Fix:
+        """The edit that removes `extern`, at `start`, and `from "..."`, which has `origin`."""
         text = self.source.text
         end = start + len("extern")
         end += len(text[end:]) - len(text[end:].lstrip())
@@ -404,8 +404,8 @@ class BodyParser(StatementParser):
         words = "`extern` and `from`" if origin is not None else "`extern`"
         return Fix(f"leave {words} out", tuple(edits))
 
-    def stray_origin(self, kind: str) -> tuple[str | None, Span | None]:
-        """`from` behind something that is not extern."""
+    def refuse_stray_origin(self, kind: str) -> tuple[str | None, Span | None]:
+        """Reports and skips a `from` after a declaration that is not extern."""
         if self.is_word("from"):
             message = "only what is `extern` comes from elsewhere"
             self.report("S025", message, helps=(f"write `extern {kind} ...`",))
@@ -415,6 +415,6 @@ class BodyParser(StatementParser):
 
 
 def _item_list(sort: str, items: Items) -> str:
-    """The kinds of items that a body may have."""
+    """Gives a sentence with the kinds of items that a body may have."""
     known = [*(f"`{w}`" for w in items), *LEADERLESS.get(sort, ())]
     return f"the items of {sort} are {', '.join(known)}"

@@ -49,18 +49,18 @@ if TYPE_CHECKING:
 
 
 def parse_fun(parser: BodyParser) -> tree.Decl:
-    """`fun` and `extern fun`."""
+    """Parses `fun` and `extern fun`."""
     start = parser.starts[parser.i]
     extern = parser.accept("extern")
     parser.i += 1
     name = parser.declare("the name of the function")
     parameters = _parameters(parser)
     result = _result_type(parser, name)
-    source, source_span = parser.origin() if extern else parser.stray_origin("fun")
+    source, source_span = parser.origin() if extern else parser.refuse_stray_origin("fun")
     body: tree.Block | None = None
     if parser.kinds[parser.i] == "{":
         if extern:
-            _report_extern_body(parser, name, parser.not_extern(start, source_span))
+            _report_extern_body(parser, name, parser.fix_without_extern(start, source_span))
         else:
             body = parser.block("after the result type")
     elif extern:
@@ -89,7 +89,7 @@ def _function_body(parser: BodyParser) -> tree.Block | None:
         return None
     parser.report("S005", message)
     parser.damaged = True
-    while parser.kinds[parser.i] not in ("{", ";", "}", EOF) and not parser.at_declaration():
+    while parser.kinds[parser.i] not in ("{", ";", "}", EOF) and not parser.is_at_declaration():
         parser.i += 1
     if parser.kinds[parser.i] == "{":
         return parser.block("after the result type")
@@ -175,12 +175,12 @@ _ONE_DRIVES = "write one `drives` for each topic"
 
 
 def parse_plant(parser: BodyParser) -> tree.Decl:
-    """`plant` and `extern plant`."""
+    """Parses `plant` and `extern plant`."""
     start = parser.starts[parser.i]
     extern = parser.accept("extern")
     parser.i += 1
     name = parser.declare("the name of the plant")
-    period, _, source, source_span = parser.head_of("plant", name, extern=extern)
+    period, _, source, source_span = parser.parse_head_of("plant", name, extern=extern)
     items = EXTERN_PLANT_ITEMS if extern else PLANT_ITEMS
     parts = parser.body(f"plant `{printable(name.text)}`", items)
     return tree.PlantDecl(
@@ -202,7 +202,7 @@ def _parse_reads(parser: BodyParser, _word: str, _start: int) -> Iterator[tree.R
 def _parse_drives(
     parser: BodyParser, word: str, start: int, *, extern: bool = False
 ) -> Iterator[tuple[tree.Ref, tree.SyntaxExpr | None]]:
-    """Yields driven topics of `topic = value;`, several if a comma stands in place of the `;`."""
+    """Yields topic and value of `topic = value;`, several if commas stand in place of `;`."""
     topic = parser.ref("the name of a topic")
     value: tree.SyntaxExpr | None = None
     if parser.kinds[parser.i] in ("=", ":=", "=="):
@@ -214,7 +214,7 @@ def _parse_drives(
             parser.i += 1
             yield from _parse_drives(parser, word, start, extern=extern)
             return
-        value = parser.ended(value, "the driven value")
+        value = parser.up_to_semicolon(value, "the driven value")
     elif parser.kinds[parser.i] == ",":
         message = "expected `;` after the driven topic, found `,`"
         parser.report("S005", message, helps=(_ONE_DRIVES,))
@@ -246,7 +246,7 @@ def _parse_state(parser: BodyParser, _word: str, start: int) -> tree.PlantState:
     found = clauses(parser, "state", _OF_A_STATE)
     interval, initial = found.get("in"), found.get("=")
     if initial is not None:
-        initial = parser.ended(initial, "the initial value")
+        initial = parser.up_to_semicolon(initial, "the initial value")
     else:
         parser.skip_missing_initial("the type of the state")
     return tree.PlantState(name, type_, interval, initial, parser.span_from(start))
@@ -272,7 +272,7 @@ def _parse_disturbance(parser: BodyParser, _word: str, start: int) -> tree.Distu
     return tree.DisturbanceItem(name, type_, interval, found.get("hold"), parser.span_from(start))
 
 
-def _parse_let(parser: BodyParser, _word: str, _start: int) -> Iterator[tree.PlantLet]:
+def _parse_plant_let(parser: BodyParser, _word: str, _start: int) -> Iterator[tree.PlantLet]:
     parser.i -= 1
     statement = parser.let()
     if isinstance(statement, tree.LetStmt):
@@ -320,7 +320,7 @@ PLANT_ITEMS: Items = {
     "drives": each("drives", _parse_drives),
     "state": often("states", _parse_state),
     "disturbance": often("disturbances", _parse_disturbance),
-    "let": each("lets", _parse_let),
+    "let": each("lets", _parse_plant_let),
     "der": often("der", _parse_equation),
     "next": often("next", _parse_equation),
     "integrate": once("integrate", _parse_integrate),
@@ -333,27 +333,27 @@ EXTERN_PLANT_ITEMS: Items = {
 
 
 def parse_node(parser: BodyParser) -> tree.Decl:
-    """`node` and `extern node`."""
+    """Parses `node` and `extern node`."""
     start = parser.starts[parser.i]
     extern = parser.accept("extern")
     parser.i += 1
     name = parser.declare("the name of the node")
-    period, phase, source, source_span = parser.head_of("node", name, extern=extern)
+    period, phase, source, source_span = parser.parse_head_of("node", name, extern=extern)
     subject = f"node `{printable(name.text)}`"
     parts = parser.body(subject, NODE_ITEMS)
     fields = parts.fields(NODE_ITEMS)
     if extern and fields["step"] is not None:
-        _report_loudly(
+        _report_always(
             parser,
             "S025",
             f"the extern {subject} has a `step`",
             parts.first["step"],
-            parser.not_extern(start, source_span),
+            parser.fix_without_extern(start, source_span),
             remove(parts.first["step"].to(fields["step"].span), "or leave the step out"),
         )
         fields["step"] = None
     if not extern and fields["step"] is None and not parser.damaged:
-        _report_loudly(
+        _report_always(
             parser,
             "S024",
             f"{subject} has no `step`",
@@ -373,7 +373,7 @@ def parse_node(parser: BodyParser) -> tree.Decl:
     )
 
 
-def _report_loudly(parser: BodyParser, code: Code, message: str, span: Span, *helps: Help) -> None:
+def _report_always(parser: BodyParser, code: Code, message: str, span: Span, *helps: Help) -> None:
     quiet, parser.quiet = parser.quiet, -1
     parser.report(code, message, span, helps=helps)
     parser.quiet = quiet
@@ -389,7 +389,7 @@ def _parse_subscribes(parser: BodyParser, _word: str, _start: int) -> Iterator[t
             queue = _parse_count(parser, "the length of the queue")
             policy = _parse_policy(parser)
         yield tree.Subscription(topic, queue, policy, parser.span_from(start))
-        if not parser.accept(",") and not parser.forgotten_comma():
+        if not parser.accept(",") and not parser.accept_forgotten_comma():
             break
     parser.expect_semicolon("the subscriptions")
 
@@ -406,7 +406,7 @@ def _parse_count(parser: BodyParser, subject: str) -> int | None:
 
 
 def _parse_policy(parser: BodyParser) -> str | None:
-    """Parses what a full queue does; None if the program does not say it."""
+    """Parses what happens when a queue is full; None if the program does not say it."""
     word = parser.texts[parser.i]
     if word in ("drop_oldest", "drop_newest", "fault"):
         parser.i += 1
@@ -428,13 +428,13 @@ def _parse_publishes(parser: BodyParser, _word: str, _start: int) -> Iterator[tr
         topic = parser.ref("the name of a topic")
         burst = _parse_burst(parser) if parser.kinds[parser.i] == "[" else None
         yield tree.Publication(topic, burst, parser.span_from(start))
-        if not parser.accept(",") and not parser.forgotten_comma():
+        if not parser.accept(",") and not parser.accept_forgotten_comma():
             break
     parser.expect_semicolon("the published topics")
 
 
 def _parse_burst(parser: BodyParser) -> int | None:
-    """Parses `[<=4]`: how many messages a step may publish."""
+    """Parses `[<=4]`: how many messages of a topic a step may publish."""
     parser.tight.append(parser.take())
     if parser.kinds[parser.i] != "<=":
         message = f"expected `<=` before the number of messages, found {parser.found()}"

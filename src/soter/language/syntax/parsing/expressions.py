@@ -22,11 +22,11 @@ from soter.language.syntax.parsing.literals_and_operators import (
     explain_unit,
     fields_helps,
     number_literal,
+    operator_meant,
     refuse_depth,
     refuse_expression,
     report_nesting,
     report_slip,
-    slipped_operator,
     tree_height,
 )
 from soter.language.syntax.parsing.token_cursor import Cursor, Panic
@@ -55,7 +55,7 @@ class ExpressionParser(Cursor):
     # ------------------------------------------------------------ entry points
 
     def expr(self, subject: str, *, stop_at_brace: bool = False) -> tree.SyntaxExpr:
-        """One expression; `subject` names it in messages. A broken one becomes an ErrorExpr."""
+        """Parses one expression, called `subject` in messages; a broken one is an ErrorExpr."""
         start = self.i
         depth = self.depth
         self.strict = False
@@ -72,14 +72,14 @@ class ExpressionParser(Cursor):
 
     def value(self, subject: str) -> tree.SyntaxExpr:
         """Parses an expression and the `;` after it."""
-        return self.ended(self.expr(subject), subject)
+        return self.up_to_semicolon(self.expr(subject), subject)
 
-    def ended(self, result: tree.SyntaxExpr, subject: str) -> tree.SyntaxExpr:
+    def up_to_semicolon(self, result: tree.SyntaxExpr, subject: str) -> tree.SyntaxExpr:
         """Steps over the `;` after `result`; an ErrorExpr if other tokens stand between."""
         if self.accept(";"):
             return result
         self.report_missing_semicolon(subject)
-        if self.fresh_start():
+        if self.may_go_on():
             return result
         start = self.i
         explain_unit(self, start)
@@ -136,12 +136,12 @@ class ExpressionParser(Cursor):
             refuse_depth(self, "expression")
         start = self.starts[self.i]
         kind = kinds[self.i]
-        left = self._prefixed() if kind in ("-", "!") else self._postfix()
+        left = self._parse_prefixed() if kind in ("-", "!") else self._parse_postfix()
         while True:
             op = kinds[self.i]
             precedence = PRECEDENCE.get(op)
             if precedence is None:
-                meant = slipped_operator(self, op)
+                meant = operator_meant(self, op)
                 if meant is None:
                     break
                 op, precedence = meant, PRECEDENCE[meant]
@@ -155,13 +155,13 @@ class ExpressionParser(Cursor):
             span = Span(self.source, start, self.ends[self.i - 1])
             left = tree.BinaryExpr(span, op, left, right)
             if precedence == COMPARISON and PRECEDENCE.get(kinds[self.i]) == COMPARISON:
-                left = self._chained(left, at)
+                left = self._refuse_chain(left, at)
         if limit == ANY and kinds[self.i] == "?":
-            left = self._conditional(left, start)
+            left = self._parse_conditional(left, start)
         self.depth -= 1
         return left
 
-    def _prefixed(self) -> tree.SyntaxExpr:
+    def _parse_prefixed(self) -> tree.SyntaxExpr:
         """Parses any number of `-` and `!` and their operand, without recursion."""
         kinds = self.kinds
         signs = [self.i]
@@ -172,14 +172,14 @@ class ExpressionParser(Cursor):
         self.tight.extend(signs)
         if len(signs) > LEVELS_MAX:
             refuse_depth(self, "expression")
-        operand = self._postfix()
+        operand = self._parse_postfix()
         end = self.ends[self.i - 1]
         for sign in reversed(signs):
             span = Span(self.source, self.starts[sign], end)
             operand = tree.UnaryExpr(span, kinds[sign], operand)
         return operand
 
-    def _conditional(self, condition: tree.SyntaxExpr, start: int) -> tree.SyntaxExpr:
+    def _parse_conditional(self, condition: tree.SyntaxExpr, start: int) -> tree.SyntaxExpr:
         opener = self.take()
         then = self.expression(ANY)
         if self.kinds[self.i] != ":":
@@ -193,8 +193,8 @@ class ExpressionParser(Cursor):
         span = Span(self.source, start, self.ends[self.i - 1])
         return tree.ConditionalExpr(span, condition, then, otherwise)
 
-    def _chained(self, left: tree.SyntaxExpr, first: int) -> tree.SyntaxExpr:
-        """`a < b < c`: reported once for the whole chain."""
+    def _refuse_chain(self, left: tree.SyntaxExpr, first: int) -> tree.SyntaxExpr:
+        """Reports `a < b < c` once for the whole chain, and gives an ErrorExpr."""
         second = self.i
         also = ((self.token_span(first), "the first one"),)
         texts = [left.span.text]
@@ -221,7 +221,7 @@ class ExpressionParser(Cursor):
 
     # ------------------------------------------------------------ operands
 
-    def _postfix(self) -> tree.SyntaxExpr:
+    def _parse_postfix(self) -> tree.SyntaxExpr:
         """Parses a primary and its fields, indices and calls."""
         i = self.i
         kinds = self.kinds
@@ -229,7 +229,7 @@ class ExpressionParser(Cursor):
         start = self.starts[i]
         result: tree.SyntaxExpr
         if kind == "choose" or (kinds[i + 1] == "choose" and self.is_word("fair")):
-            result = self._choose()
+            result = self._parse_choose()
         elif kind == NAME or (kind in _CONVERSIONS and kinds[i + 1] == "("):
             if self.texts[i] == "not" and kinds[i + 1] in (NAME, "true", "false", "!"):
                 i = self._skip_not()
@@ -238,9 +238,9 @@ class ExpressionParser(Cursor):
             result = tree.NameExpr(span, tree.Name(self.texts[i], span))
             self.i = i + 1
         elif kind == "(":
-            result = self._parenthesised()
+            result = self._parse_parenthesised()
         else:
-            result = self._literal(kind)
+            result = self._parse_literal(kind)
         while True:
             kind = kinds[self.i]
             if kind == ".":
@@ -259,7 +259,7 @@ class ExpressionParser(Cursor):
                 return result
 
     def _skip_not(self) -> int:
-        """Report `not`, step over it and over signs behind it, up to a name."""
+        """Reports `not`, and steps over it and over signs after it; gives the level of signs."""
         token = self.token_span(self.i)
         blank = Span(self.source, token.start, self.starts[self.i + 1])
         self.report(
@@ -271,7 +271,7 @@ class ExpressionParser(Cursor):
             raise Panic
         return self.i
 
-    def _parenthesised(self) -> tree.SyntaxExpr:
+    def _parse_parenthesised(self) -> tree.SyntaxExpr:
         opener = self.take()
         result = self.expression(ANY)
         if self.kinds[self.i] == ",":
@@ -317,11 +317,11 @@ class ExpressionParser(Cursor):
                 helps=("a product is written with `*`",),
             )
         self.i += 1
-        arguments = self._elements(")", "the argument", opener)
+        arguments = self._parse_elements(")", "the argument", opener)
         span = Span(self.source, start, self.ends[self.i - 1])
         return tree.CallExpr(span, callee, arguments) if named else tree.ErrorExpr(span)
 
-    def _elements(self, close: str, subject: str, opener: int) -> tuple[tree.SyntaxExpr, ...]:
+    def _parse_elements(self, close: str, subject: str, opener: int) -> tuple[tree.SyntaxExpr, ...]:
         """Parses expressions up to `close`, and steps over it."""
         if self.accept(close):
             return ()
@@ -336,7 +336,7 @@ class ExpressionParser(Cursor):
         return tuple(elements)
 
     def close(self, kind: str, after: str, opener: int) -> None:
-        """Step over the bracket `kind` that ends what was opened at token `opener`; else Panic."""
+        """Steps over the bracket `kind` that closes token `opener`; Panic without it."""
         if self.accept(kind):
             return
         wanted = f"`{kind}`" if after in ("the expression", "the index") else f"`,` or `{kind}`"
@@ -346,7 +346,7 @@ class ExpressionParser(Cursor):
             also=((self.token_span(opener), "opened here"),),
         )
 
-    def _literal(self, kind: str) -> tree.SyntaxExpr:
+    def _parse_literal(self, kind: str) -> tree.SyntaxExpr:
         """Parses a primary that is neither a name nor in parentheses."""
         i = self.i
         span = Span(self.source, self.starts[i], self.ends[i])
@@ -362,7 +362,7 @@ class ExpressionParser(Cursor):
         if kind in ("true", "false"):
             return tree.BoolLit(span, kind == "true")
         if kind == "[":
-            elements = self._elements("]", "the element", i)
+            elements = self._parse_elements("]", "the element", i)
             return tree.ListExpr(self.span_from(span.start), elements)
         if kind == ERROR:
             return tree.ErrorExpr(span)
@@ -402,11 +402,11 @@ class ExpressionParser(Cursor):
             else:
                 self.expect(":", f"after the field `{printable(field.text)}`")
             entries.append((field, self.expression(ANY)))
-            if not self.comma("}", "the field", opener):
+            if not self.accept_comma("}", "the field", opener):
                 break
         return tree.RecordExpr(self.span_from(start), tuple(entries))
 
-    def _choose(self) -> tree.SyntaxExpr:
+    def _parse_choose(self) -> tree.SyntaxExpr:
         """Parses `[fair] choose` and its alternatives."""
         start = self.starts[self.i]
         fair = self.accept_word("fair")
@@ -422,7 +422,7 @@ class ExpressionParser(Cursor):
             self.strict = strict
         elif kind == "{":
             self.i += 1
-            options = self._elements("}", "the choice", opener)
+            options = self._parse_elements("}", "the choice", opener)
         elif kind == "bool":
             self.i += 1
             of = tree.BuiltinType(self.token_span(opener), kind)

@@ -19,8 +19,8 @@ LOOPS_MAX = 8
 """How deep loops of items may nest."""
 
 
-def behind_indices(parser: BodyParser, at: int) -> int:
-    """The index of the token after all `[...]` that stand at token `at`."""
+def index_after_brackets(parser: BodyParser, at: int) -> int:
+    """Gives the index of the token after all `[...]` that begin at token `at`."""
     kinds = parser.kinds
     while kinds[at] == "[":
         level = 0
@@ -48,7 +48,7 @@ def parse_element(parser: BodyParser, name: tree.Name) -> tree.Name:
 
 
 def parse_path(parser: BodyParser, subject: str) -> tree.DottedPath:
-    """`name[i].name.name`."""
+    """Parses a path of names and elements: `name[i].name.name`."""
     first = parser.name(subject)
     parts = [parse_element(parser, first)]
     while parser.accept("."):
@@ -57,14 +57,14 @@ def parse_path(parser: BodyParser, subject: str) -> tree.DottedPath:
 
 
 def dotted(subject: str) -> Step:
-    """`path`, as a step of a row of items."""
+    """Gives a step that parses a path."""
     return lambda parser: parse_path(parser, subject)
 
 
 def parse_setting(
     parser: BodyParser, _word: str, start: int, *, inside: bool = False
 ) -> tree.SetParam:
-    """`set K = 3`, behind `set` at `start`; `inside` an instance's braces a comma may follow."""
+    """Parses `set K = 3`, after `set` at `start`; `inside` an instance's braces without `;`."""
     param = parse_path(parser, "the name of a parameter")
     parser.assign("after the parameter")
     subject = "the value of the parameter"
@@ -73,9 +73,9 @@ def parse_setting(
 
 
 def loop(items: Items, other: Other) -> Read:
-    """`for i in low..high { items }`; `items` and `other` as for `BodyParser.body`.
+    """Gives a reader of `for i in low..high { items }`; arguments are as for `BodyParser.body`.
 
-    It reads what the loop holds by field, each kind of items as one `Repeated`.
+    It gives the items by field, each kind of items as one `Repeated`.
     """
 
     def read(parser: BodyParser, _word: str, start: int) -> dict[str, tree.Repeated]:

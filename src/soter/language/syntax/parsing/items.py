@@ -48,17 +48,17 @@ class Item:
 def once(
     fields: str | Mapping[str, Any], read: Read, *begins: str, title: str = "", none: object = None
 ) -> Item:
-    """An item that may stand once. One of several fields reads a tuple of their values."""
+    """Gives an item that may stand once. One of several fields reads a tuple of their values."""
     return Item({fields: none} if isinstance(fields, str) else fields, read, "once", begins, title)
 
 
 def often(field: str, read: Read, *begins: str) -> Item:
-    """An item that may stand often; it reads one value of a field."""
+    """Gives an item that may stand often, and reads one value of a field each time."""
     return Item({field: ()}, read, "often", begins)
 
 
 def each(field: str, read: Read) -> Item:
-    """An item that may stand often; it yields values of a field one after another."""
+    """Gives an item that may stand often, and yields several values of a field."""
     return Item({field: ()}, read, "each")
 
 
@@ -77,27 +77,27 @@ class Parts:
         self.several: defaultdict[str, list[Any]] = defaultdict(list)
 
     def fields(self, items: Items) -> dict[str, Any]:
-        """The fields of the node that a body with such items becomes."""
+        """Gives the fields of the node that a body with such items becomes."""
         values = {name: value for i in items.values() for name, value in i.defaults.items()}
         return values | self.once | {name: tuple(found) for name, found in self.several.items()}
 
 
 def begins(items: Items) -> tuple[str, ...]:
-    """How the items of a table begin, as completion offers it."""
+    """Gives how the items of a table begin, as an editor offers them."""
     return tuple(text for word, item in items.items() for text in item.begins or (word,))
 
 
 # ---------------------------------------------------------------- steps
 
 
-def _step(method: str) -> Callable[[str], Step]:
+def _step_by_method(method: str) -> Callable[[str], Step]:
     def of(subject: str) -> Step:
         return lambda parser: getattr(parser, method)(subject)
 
     return of
 
 
-def _sign(method: str) -> Callable[[str], Step]:
+def _step_without_value(method: str) -> Callable[[str], Step]:
     def of(where: str) -> Step:
         def read(parser: Cursor) -> object:
             getattr(parser, method)(where)
@@ -108,14 +108,14 @@ def _sign(method: str) -> Callable[[str], Step]:
     return of
 
 
-expr, value, time, time_value = map(_step, ("expr", "value", "time", "time_value"))
-name, ref, interval, range_of = map(_step, ("name", "ref", "interval", "range_of"))
-block = _step("block")
-assign, semicolon = map(_sign, ("assign", "expect_semicolon"))
+expr, value, time, time_value = map(_step_by_method, ("expr", "value", "time", "time_value"))
+name, ref, interval, range_of = map(_step_by_method, ("name", "ref", "interval", "range_of"))
+block = _step_by_method("block")
+assign, semicolon = map(_step_without_value, ("assign", "expect_semicolon"))
 
 
 def word(text: str, where: str) -> Step:
-    """A step that reads a required word or sign."""
+    """Gives a step that reads a required word or sign."""
 
     def read(parser: Cursor) -> object:
         of_its_kind = text in RESERVED or not text.isalpha()
@@ -126,7 +126,7 @@ def word(text: str, where: str) -> Step:
 
 
 def equal(where: str, subject: str) -> Step:
-    """`= e`, as a clause of `clauses`."""
+    """Gives a step that reads `= e`, for a row of `clauses`."""
     return group(lambda value: value, assign(where), expr(subject))
 
 
@@ -136,7 +136,7 @@ def maybe(text: str, step: Step, none: object = None) -> Step:
 
 
 def commas(step: Step) -> Step:
-    """A step that reads one or more values, between commas."""
+    """Gives a step that reads one or more values, between commas."""
 
     def read(parser: Cursor) -> tuple[Any, ...]:
         found = [step(parser)]
@@ -148,12 +148,12 @@ def commas(step: Step) -> Step:
 
 
 def word_of(*texts: str) -> Step:
-    """A step that reads one of some words; "" if none of them stands here."""
+    """Gives a step that reads one of some words; "" if none of them stands here."""
     return lambda parser: next((text for text in texts if parser.accept_word(text)), "")
 
 
 def clauses(parser: Cursor, item: str, rows: Mapping[str, Step]) -> dict[str, Any]:
-    """Reads clauses after a name, by the word or sign that leads each, in any order.
+    """Reads clauses after a name, in any order, by the word or sign that leads each.
 
     Reports S022 for one that stands twice in this `item`.
     """
@@ -176,17 +176,17 @@ def clauses(parser: Cursor, item: str, rows: Mapping[str, Step]) -> dict[str, An
 
 
 def values_of(parser: Cursor, *steps: Step) -> list[Any]:
-    """The values that steps read one after another, without signs and words."""
+    """Gives the values that steps read one after another, without signs and words."""
     return [v for step in steps if (v := step(parser)) is not NOTHING]
 
 
 def group(make: Callable[..., Any], *steps: Step) -> Step:
-    """A step that makes one value of what several steps read."""
+    """Gives a step that makes one value of what several steps read."""
     return lambda parser: make(*values_of(parser, *steps))
 
 
 def pair(*parts: object) -> tuple[object, ...]:
-    """A tuple of what was read."""
+    """Gives its arguments as a tuple."""
     return parts
 
 
@@ -194,7 +194,7 @@ def pair(*parts: object) -> tuple[object, ...]:
 
 
 def made(make: Callable[..., Any], *steps: Step) -> Read:
-    """A reader that makes a node of what the steps read (the last reads the `;`), and its span."""
+    """A reader that makes a node of the values that steps read (the last reads `;`), and a span."""
 
     def read(parser: Cursor, _word: str, start: int) -> Any:  # noqa: ANN401 - a node
         return make(*values_of(parser, *steps), parser.span_from(start))
@@ -203,17 +203,17 @@ def made(make: Callable[..., Any], *steps: Step) -> Read:
 
 
 def only(*steps: Step) -> Read:
-    """A reader for the value of the one step that has a value."""
+    """Gives a reader for the value of the one step that has a value."""
     return lambda parser, _word, _start: values_of(parser, *steps)[0]
 
 
 def of_word(method: str) -> Read:
-    """A reader for a value or a time, which messages call by the item's word."""
+    """Gives a reader of a value or a time, which messages call by the item's word."""
     return lambda parser, word, _start: getattr(parser, method)(f"`{word}`")
 
 
 def spanned(*steps: Step) -> Read:
-    """A reader whose value is only the item's span."""
+    """Gives a reader whose value is only the item's span."""
 
     def read(parser: Cursor, _word: str, start: int) -> Span:
         values_of(parser, *steps)

@@ -33,7 +33,7 @@ LEVELS_MAX = 200
 
 
 def refuse_depth(cursor: Cursor, kind: str) -> NoReturn:
-    """Report what nests deeper than `LEVELS_MAX`; raises Panic."""
+    """Reports an expression or type that nests deeper than `LEVELS_MAX`; raises Panic."""
     raise cursor.failure(
         "S020",
         f"this {kind} is nested too deeply",
@@ -43,7 +43,7 @@ def refuse_depth(cursor: Cursor, kind: str) -> NoReturn:
 
 
 def report_nesting(cursor: Cursor, span: Span, subject: str) -> None:
-    """Report an expression whose tree turned out higher than `LEVELS_MAX`."""
+    """Reports an expression whose tree turned out to be higher than `LEVELS_MAX`."""
     cursor.quiet = -1
     cursor.report(
         "S020",
@@ -67,7 +67,7 @@ def tree_height(expr: tree.SyntaxExpr) -> int:
 
 
 def subexpressions(expr: tree.SyntaxExpr) -> list[tree.SyntaxExpr]:
-    """The expressions directly inside `expr`, in source order."""
+    """Gives the expressions directly inside `expr`, in source order."""
     subexpressions: list[tree.SyntaxExpr] = []
     for field in fields(expr):
         value = getattr(expr, field.name)
@@ -85,7 +85,7 @@ def subexpressions(expr: tree.SyntaxExpr) -> list[tree.SyntaxExpr]:
 
 
 def report_unclosed(cursor: Cursor, opener: int, subject: str) -> None:
-    """Report that the block opened at token `opener` has no end before the cursor."""
+    """Reports that the block opened at token `opener` has no end before the cursor."""
     begins = "it" if subject == "this block" else f"the body of {subject}"
     also = [(cursor.token_span(opener), f"{begins} begins here")]
     suspect = _suspect_braces(cursor, opener)
@@ -98,7 +98,7 @@ def report_unclosed(cursor: Cursor, opener: int, subject: str) -> None:
 
 
 def _suspect_braces(cursor: Cursor, opener: int) -> tuple[int, int] | None:
-    """The first pair of braces inside `opener` whose indentation does not match."""
+    """Gives the first pair of braces inside `opener` whose indentation does not match."""
     stack: list[int] = []
     for index in range(opener, min(cursor.i, opener + 20_000)):
         kind = cursor.kinds[index]
@@ -107,7 +107,7 @@ def _suspect_braces(cursor: Cursor, opener: int) -> tuple[int, int] | None:
         elif kind == "}" and stack:
             opening = stack.pop()
             indent = cursor.line_indent(index)
-            if cursor.first_on_line(index) and indent < cursor.line_indent(opening):
+            if cursor.is_first_on_line(index) and indent < cursor.line_indent(opening):
                 return (opening, index) if opening != opener else None
     return None
 
@@ -119,16 +119,16 @@ _DURATION_NS_MAX = 2**63 - 1
 
 
 def number_literal(cursor: Cursor, span: Span, kind: str) -> tree.SyntaxExpr:
-    """The token before the cursor, of a kind among NUMBERS, as a literal."""
+    """Gives the literal of the token before the cursor, whose kind is among NUMBERS."""
     text = cursor.texts[cursor.i - 1]
     if kind == FLOAT:
         value = float(text)
         if math.isinf(value):
-            return _too_large(cursor, span, "a float")
+            return _refuse_large_number(cursor, span, "a float")
         return tree.FloatLit(span, value, text)
     if kind == INT:
         if len(text) > _INT_DIGITS_MAX:
-            return _too_large(cursor, span, "an int")
+            return _refuse_large_number(cursor, span, "an int")
         return tree.IntLit(span, int(text))
     return _duration_literal(cursor, span, text)
 
@@ -138,7 +138,7 @@ def _duration_literal(cursor: Cursor, span: Span, text: str) -> tree.SyntaxExpr:
     unit = UNIT_NS[text[len(digits) :]]
     approximate = float(digits) * unit
     if not approximate <= _DURATION_NS_MAX:
-        return _too_large(cursor, span, "a duration (about 292 years at most)")
+        return _refuse_large_number(cursor, span, "a duration (about 292 years at most)")
     if 0 < approximate < 1e-3 or (approximate == 0 and "e" in digits.lower()):
         return tree.DurationLit(span, None, text)  # far below a nanosecond
     exact = Fraction(Decimal(digits)) * unit  # Python makes no int of 5,000 digits of a text
@@ -146,14 +146,14 @@ def _duration_literal(cursor: Cursor, span: Span, text: str) -> tree.SyntaxExpr:
     return tree.DurationLit(span, value, text)
 
 
-def _too_large(cursor: Cursor, span: Span, subject: str) -> tree.SyntaxExpr:
+def _refuse_large_number(cursor: Cursor, span: Span, subject: str) -> tree.SyntaxExpr:
     cursor.i -= 1
     cursor.report("L005", f"this number is too large for {subject}", span, skip=1)
     return tree.ErrorExpr(span)
 
 
 def explain_unit(cursor: Cursor, i: int) -> None:
-    """Adds a help to the error just reported, for `10 ms`."""
+    """Adds a help to the error just reported if a unit is apart from its number: `10 ms`."""
     if cursor.kinds[i] == NAME and cursor.texts[i] in UNIT_NS and i and cursor.problems:
         last = cursor.problems[-1]
         here = last.primary is not None and last.primary.span.start == cursor.ends[i - 1]
@@ -167,7 +167,7 @@ def explain_unit(cursor: Cursor, i: int) -> None:
 
 
 def brackets_help(cursor: Cursor, opener: int) -> Help:
-    """`[a, b]` for the braces opened at a token."""
+    """Gives the edit that writes `[a, b]` for the braces opened at a token."""
     level = 0
     for i in range(opener, len(cursor.kinds)):
         level += (cursor.kinds[i] == "{") - (cursor.kinds[i] == "}")
@@ -178,7 +178,7 @@ def brackets_help(cursor: Cursor, opener: int) -> Help:
 
 
 def fields_helps(cursor: Cursor, opener: int) -> tuple[Help, ...]:
-    """`{ x, v }` opened at a token: a record says its fields, an array has other brackets."""
+    """Gives helps for `{ x, v }`: a record names its fields, an array has brackets."""
     names: list[str] = []
     i = opener + 1
     while cursor.kinds[i] == NAME and cursor.kinds[i + 1] in (",", "}"):
@@ -236,8 +236,8 @@ _SLIPS = {
 _OPERAND_WORDS = frozenset([NAME, INT, FLOAT, DURATION, "(", "true", "false", "!", "-"])
 
 
-def slipped_operator(cursor: Cursor, kind: str) -> str | None:
-    """Gives the operator meant by a token of another language behind an operand; or None."""
+def operator_meant(cursor: Cursor, kind: str) -> str | None:
+    """Gives the operator that a token of another language means after an operand; or None."""
     if kind == NAME:
         word = cursor.texts[cursor.i]
         if word in _SLIPS and cursor.kinds[cursor.i + 1] in _OPERAND_WORDS:
@@ -248,7 +248,7 @@ def slipped_operator(cursor: Cursor, kind: str) -> str | None:
 
 
 def report_slip(cursor: Cursor, meant: str) -> None:
-    """Report the token at the cursor, which stands for the operator `meant`."""
+    """Reports the token at the cursor, written for the operator `meant`."""
     text = cursor.texts[cursor.i]
     if text == "=":
         cursor.report(
@@ -262,7 +262,7 @@ def report_slip(cursor: Cursor, meant: str) -> None:
 
 
 def refuse_expression(cursor: Cursor, kind: str) -> NoReturn:
-    """Nothing here begins an expression: say why, as the token lets us, and Panic."""
+    """Reports, as the token suggests, why no expression begins here; raises Panic."""
     message = f"expected an expression, found {cursor.found()}"
     helps: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
@@ -296,12 +296,12 @@ def _skip_choice(cursor: Cursor) -> None:
 
 
 def refuse_c_loop(cursor: Cursor) -> NoReturn:
-    """`for (i = 0; ...; ...) { ... }`: reported and left out as a whole; raises Panic."""
+    """Reports `for (i = 0; ...; ...) { ... }`, and skips all of it; raises Panic."""
     cursor.report(
         "S006",
         "expected the name of the loop variable after `for`, found `(`",
         notes=("a loop counts over a range, `for i in 0..10`, or goes over a list, `for x in xs`",),
     )
-    while cursor.kinds[cursor.i] not in ("{", "}", EOF) and not cursor.at_declaration():
+    while cursor.kinds[cursor.i] not in ("{", "}", EOF) and not cursor.is_at_declaration():
         cursor.i += 1
     raise Panic

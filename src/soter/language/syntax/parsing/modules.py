@@ -59,7 +59,7 @@ def _parse_view(parser: BodyParser, _word: str, start: int) -> tree.View:
 
 
 def _parse_open(parser: BodyParser) -> tuple[Expr, bool]:
-    """Parses `open` or `open to e`: where the axis ends, and whether it has no end."""
+    """Parses `open` or `open to e`: the end of the axis, and whether it has none."""
     if not parser.accept_word("open"):
         return None, False
     if parser.kinds[parser.i] in (",", ";"):
@@ -109,7 +109,7 @@ def _parse_acts(parser: BodyParser, _word: str, _start: int) -> tuple[Expr, Expr
     return least, most
 
 
-def _recover(parser: BodyParser, _word: str, start: int) -> tuple[Expr, Span | None]:
+def _parse_recover(parser: BodyParser, _word: str, start: int) -> tuple[Expr, Span | None]:
     """Parses `recover within 10s;`, or `recover never;`: then SC may stop for good."""
     if parser.texts[parser.i] != "never":
         parser.expect_word("within", "after `recover`")
@@ -161,7 +161,9 @@ VERIFY_ITEMS: Items = {
     "late": once("late", _parse_delays),
     "response": once("response", _parse_delays),
     "acts": once({"acts_least": None, "acts": None}, _parse_acts, "acts within"),
-    "recover": once({"recover": None, "stays": None}, _recover, "recover within", "recover never"),
+    "recover": once(
+        {"recover": None, "stays": None}, _parse_recover, "recover within", "recover never"
+    ),
     "dropout": once("dropout", of_word("time_value")),
     "age": once("age", of_word("time_value")),
     "induction": once("induction", spanned(semicolon("`induction`"))),
@@ -250,7 +252,7 @@ def _parse_shield(
     if cells is None:
         parser.expect_semicolon("`shield`")
         return tree.EachCommand(parser.span_from(start)), toward, candidates
-    return parser.ended(cells, subject), toward, candidates
+    return parser.up_to_semicolon(cells, subject), toward, candidates
 
 
 _MOVE = group(

@@ -44,12 +44,12 @@ EDITION = 1
 
 
 def parse(source: Source, diagnostics: Diagnostics) -> tree.File:
-    """Parses one file; errors go to `diagnostics`, and it always returns a tree."""
+    """Parses one file; errors go to `diagnostics`, and there is always a tree."""
     return parse_tokens(source, diagnostics)[0]
 
 
 def parse_tokens(source: Source, diagnostics: Diagnostics) -> tuple[tree.File, Parser]:
-    """Parses one file; also returns the parser, whose tokens and marks the printer needs."""
+    """Parses one file; also gives the parser, whose tokens and marks the printer needs."""
     parser = Parser(lex(source))
     file = parser.file()
     problems = parser.tokens.problems + parser.problems
@@ -79,7 +79,7 @@ class Parser(BodyParser):
     # ------------------------------------------------------------ files
 
     def file(self) -> tree.File:
-        """Parses `program` of the grammar."""
+        """Parses a whole file (`program` in the grammar)."""
         self.edition: int | None = None
         self.broken.update(self.tokens.lost)
         imports: list[tree.ImportDecl] = []
@@ -89,7 +89,7 @@ class Parser(BodyParser):
             self._parse_edition()
             while self.kinds[self.i] != EOF:
                 reached = self.starts[self.i]
-                declaration = self._top_level()
+                declaration = self._parse_top_level()
                 if isinstance(declaration, tree.ImportDecl):
                     if declarations:
                         self._report_late_import(declaration, declarations[0])
@@ -145,7 +145,7 @@ class Parser(BodyParser):
                 self.i = 2
         self.expect_semicolon("the edition")
 
-    def _top_level(self) -> tree.Decl | None:
+    def _parse_top_level(self) -> tree.Decl | None:
         """Parses one declaration, or steps over a token that begins none."""
         self.items, self.blocks = frozenset(), 0
         i = self.i
@@ -154,7 +154,7 @@ class Parser(BodyParser):
         if parse is not None:
             return self._declaration(parse)
         if kind == NAME and self.texts[i] == "input" and self.kinds[i + 1] == "topic":
-            return self._declaration(Parser._topic)
+            return self._declaration(Parser._parse_topic)
         if kind == ";":
             self.skip_stray_semicolons()
         elif kind == "}":
@@ -203,7 +203,7 @@ class Parser(BodyParser):
         helps: tuple[Help, ...] = ()
         notes: tuple[str, ...] = ()
         if kind == NAME and self.kinds[i + 1] in (NAME, "fun", "node", "plant", "topic", STRING):
-            near = None if word in THEIRS else self.close_word(word, _DECLARATIONS)
+            near = None if word in THEIRS else self.word_close_to(word, _DECLARATIONS)
             if near is not None:
                 helps = (replace(self.token_span(i), near, f"did you mean `{near}`?"),)
                 self.report("S009", message, helps=helps, once=False)
@@ -234,7 +234,7 @@ class Parser(BodyParser):
 
     # ------------------------------------------------------------ simple declarations
 
-    def _import(self) -> tree.Decl:
+    def _parse_import(self) -> tree.Decl:
         start = self.take()
         at = self.i
         if self.kinds[at] != STRING:
@@ -267,7 +267,7 @@ class Parser(BodyParser):
         self.expect_semicolon("the import")
         return tree.ImportDecl(name, self.span_from(self.starts[start]), path, self.token_span(at))
 
-    def _type_declaration(self) -> tree.Decl:
+    def _parse_type_declaration(self) -> tree.Decl:
         start = self.starts[self.take()]
         name = self.declare("the name of the type")
         if self.kinds[self.i] == "{":
@@ -278,11 +278,13 @@ class Parser(BodyParser):
             )
         else:
             self.assign("after the name of the type")
-        type_ = self._enum() if self.kinds[self.i] == "enum" else type_expression(self, "a type")
+        type_ = (
+            self._parse_enum() if self.kinds[self.i] == "enum" else type_expression(self, "a type")
+        )
         self.expect_semicolon("the type")
         return tree.TypeDecl(name, self.span_from(start), type_)
 
-    def _enum(self) -> tree.TypeExpr:
+    def _parse_enum(self) -> tree.TypeExpr:
         start = self.starts[self.take()]
         opener = self.i
         members: list[tree.Name] = []
@@ -296,7 +298,7 @@ class Parser(BodyParser):
                         "expected `,` or `}` after the member, found `=`",
                         notes=("members have no numbers of their own",),
                     )
-                if not self.comma("}", "the member", opener):
+                if not self.accept_comma("}", "the member", opener):
                     break
         except Panic:
             self.damaged = True
@@ -319,7 +321,7 @@ class Parser(BodyParser):
             self.broken.add(self.declared.text)
         self.declared, self.damaged, self.items, self.blocks, self.depth, self.indent = outer
 
-    def _const(self) -> tree.Decl:
+    def _parse_const(self) -> tree.Decl:
         start = self.starts[self.take()]
         name = self.declare("the name of the constant")
         type_ = self.typed("the constant")
@@ -336,7 +338,7 @@ class Parser(BodyParser):
             value = self.value("the value of the constant")
         return tree.ConstDecl(name, self.span_from(start), type_, value, data, data_span)
 
-    def _param(self) -> tree.Decl:
+    def _parse_param(self) -> tree.Decl:
         start = self.starts[self.take()]
         name = self.declare("the name of the parameter")
         type_ = self.typed("the parameter")
@@ -347,7 +349,7 @@ class Parser(BodyParser):
         span = self.span_from(start)
         return tree.ParamDecl(name, span, type_, found["="], found.get("in"))
 
-    def _topic(self) -> tree.Decl:
+    def _parse_topic(self) -> tree.Decl:
         start = self.starts[self.i]
         is_input = self.accept_word("input")
         self.i += 1
@@ -366,7 +368,7 @@ class Parser(BodyParser):
             static="static" in found,
         )
 
-    def _value_set(self) -> tree.ValueSet:
+    def _parse_set_of_topic(self) -> tree.ValueSet:
         start = self.i
         try:
             return parse_value_set(self)
@@ -381,7 +383,7 @@ class Parser(BodyParser):
             span = self.span_from(self.starts[start])
             return tree.IntervalExpr(tree.ErrorExpr(span), tree.ErrorExpr(span), span)
 
-    def _extern(self) -> tree.Decl:
+    def _parse_extern(self) -> tree.Decl:
         following = self.kinds[self.i + 1]
         if following == "fun":
             return parse_fun(self)
@@ -402,19 +404,19 @@ _OF_A_PARAMETER: dict[str, Step] = {
     "in": range_of("the range of the parameter"),
 }
 _OF_A_TOPIC: dict[str, Step] = {
-    "in": Parser._value_set,
+    "in": Parser._parse_set_of_topic,
     "=": equal("before the default of the topic", "the default of the topic"),
     "max_age": time("`max_age`"),
     "static": lambda _: True,
 }
 _DECLARATIONS: dict[str, Callable[[Parser], tree.Decl]] = {
-    "import": Parser._import,
-    "type": Parser._type_declaration,
-    "const": Parser._const,
-    "param": Parser._param,
+    "import": Parser._parse_import,
+    "type": Parser._parse_type_declaration,
+    "const": Parser._parse_const,
+    "param": Parser._parse_param,
     "fun": parse_fun,
-    "extern": Parser._extern,
-    "topic": Parser._topic,
+    "extern": Parser._parse_extern,
+    "topic": Parser._parse_topic,
     "node": parse_node,
     "rta": parse_rta,
     "plant": parse_plant,

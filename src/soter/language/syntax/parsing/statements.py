@@ -49,14 +49,14 @@ class StatementParser(ExpressionParser):
     __slots__ = ()
 
     def block(self, where: str, *, single: bool = False) -> tree.Block:
-        """`{ statements }`; without `{`, a `single` statement or all up to `}` are taken."""
+        """Parses `{ statements }`; without `{` one statement if `single`, else all up to `}`."""
         start = self.starts[self.i]
         opener = self.i
         if self.kinds[opener] == "{":
             self.opened.append(opener)
             self.i += 1
         elif single:
-            return self._braceless(where, start)
+            return self._parse_without_brace(where, start)
         else:
             self._report_missing_brace(where)
         self.blocks += 1
@@ -79,14 +79,14 @@ class StatementParser(ExpressionParser):
             if self.accept("}"):
                 break
             kind = kinds[self.i]
-            if kind == EOF or (kind not in STATEMENT_WORDS and self.at_declaration()):
-                if kind != EOF and self.nested_declaration():
+            if kind == EOF or (kind not in STATEMENT_WORDS and self.is_at_declaration()):
+                if kind != EOF and self.is_nested_declaration():
                     self.skip_misplaced_declaration()
                     continue
                 report_unclosed(self, opener, "this block")
                 break
             item = kind in ITEM_WORDS and kind in self.items and kinds[self.i + 1] in (NAME, "{")
-            if item and not self.closed_below(self.blocks + 1):
+            if item and not self.are_braces_closed(self.blocks + 1):
                 report_unclosed(self, opener, "this block")  # the body around goes on here
                 break
             self._parse_or_recover(statements, kind)
@@ -94,13 +94,13 @@ class StatementParser(ExpressionParser):
         return tree.Block(tuple(statements), self.span_from(start))
 
     def _parse_or_recover(self, statements: list[tree.SyntaxStmt], kind: str) -> None:
-        """Parses one statement into the list, or steps past tokens that are none."""
+        """Parses one statement into the list, or skips tokens that begin none."""
         before = self.i
         blocks = self.blocks
         try:
             parse = _STATEMENTS.get(kind)
             if parse is None and kind in RESERVED and self.kinds[before + 1] in PLACE_FOLLOWS:
-                parse = StatementParser._assign  # a reserved word taken for a variable
+                parse = StatementParser._parse_assign  # a reserved word taken for a variable
             if parse is not None:
                 statements.append(parse(self))
             else:
@@ -114,7 +114,7 @@ class StatementParser(ExpressionParser):
             self.skip_statement()
 
     def skip_misplaced_declaration(self) -> None:
-        """Report a declaration inside another one and step over it."""
+        """Reports a declaration inside another one, and steps over it."""
         raise NotImplementedError
 
     def _report_missing_brace(self, where: str) -> None:
@@ -123,7 +123,7 @@ class StatementParser(ExpressionParser):
             raise self.failure("S005", message)
         self.report("S005", message, helps=("braces are never left out",), once=False)
 
-    def _braceless(self, where: str, start: int) -> tree.Block:
+    def _parse_without_brace(self, where: str, start: int) -> tree.Block:
         self._report_missing_brace(where)
         statements: list[tree.SyntaxStmt] = []
         self.blocks += 1
@@ -171,7 +171,7 @@ class StatementParser(ExpressionParser):
         value = self.assigned_value(f"`{printable(name.text)}`", "the value")
         return tree.LetStmt(self.span_from(start), name, type_, value)
 
-    def _var(self) -> tree.SyntaxStmt:
+    def _parse_var(self) -> tree.SyntaxStmt:
         start = self.starts[self.take()]
         name = self.name("a name after `var`")
         type_ = type_expression(self, "a type after `:`") if self.accept(":") else None
@@ -182,7 +182,7 @@ class StatementParser(ExpressionParser):
         return tree.VarStmt(self.span_from(start), name, type_, value)
 
     def skip_missing_initial(self, after: str) -> None:
-        """Step over the `;` behind a type; a value without `=` is reported as such."""
+        """Steps over the `;` after a type; reports a value without `=`."""
         if self.kinds[self.i] in _VALUES:
             message = f"expected `=` or `;` after {after}, found {self.found()}"
             self.report("S005", message, self.after_previous(), "`=` is missing here")
@@ -192,7 +192,7 @@ class StatementParser(ExpressionParser):
             self.expect_semicolon(after)
 
     def assigned_value(self, after: str, subject: str) -> tree.SyntaxExpr:
-        """`= value;`: an ErrorExpr where there is no `=` after what `after` names."""
+        """Parses `= value;`; gives an ErrorExpr if `=` is missing after `after`."""
         start = self.i
         try:
             self.assign(f"after {after}")
@@ -202,12 +202,12 @@ class StatementParser(ExpressionParser):
             return tree.ErrorExpr(self.after_previous())
         return self.value(subject)
 
-    def _assign(self) -> tree.SyntaxStmt:
+    def _parse_assign(self) -> tree.SyntaxStmt:
         start = self.starts[self.i]
         slip = self._parse_misspelt()
         if slip is not None:
             return slip
-        place = self._place()
+        place = self._parse_place()
         kind = self.kinds[self.i]
         if kind in ("+=", "-=", "*=", "/=", "%=", "**="):
             end = self.ends[self.item_end() - 1]
@@ -246,7 +246,7 @@ class StatementParser(ExpressionParser):
         if word in _ELSEIF:
             raise self.failure("S015", f"`{word}` is no word of Soter", helps=("write `elseif`",))
         if following in (NAME, INT) or following in RESERVED:
-            near = self.close_word(word, STATEMENT_WORDS)
+            near = self.word_close_to(word, STATEMENT_WORDS)
             if near in _STATEMENTS and near != "while":
                 message = f"expected a statement, found `{printable(word)}`"
                 helps = (replace(self.token_span(i), near, f"did you mean `{near}`?"),)
@@ -256,11 +256,11 @@ class StatementParser(ExpressionParser):
             message = f"expected a statement, found `{printable(word)}`"
             note = "a variable is declared by `var`, its type stands behind: `var x: float`"
             self.report("S011", message, notes=(note,))
-            return self._c_style_declaration()
+            return self._parse_c_style_declaration()
         return None
 
-    def _c_style_declaration(self) -> tree.SyntaxStmt:
-        """Declares `x` for `float x = 3;`, which was reported."""
+    def _parse_c_style_declaration(self) -> tree.SyntaxStmt:
+        """Reads the rest of `float x = 3;`, which was reported, as a declaration of `x`."""
         start = self.starts[self.take()]
         name = self.name("a name")
         self.quiet = -1
@@ -271,16 +271,16 @@ class StatementParser(ExpressionParser):
         )
         return tree.VarStmt(self.span_from(start), name, None, value)
 
-    def _typed_declaration(self) -> tree.SyntaxStmt:
+    def _parse_typed_declaration(self) -> tree.SyntaxStmt:
         word = self.texts[self.i]
         message = f"expected a statement, found the keyword `{word}`"
         if self.kinds[self.i + 1] == NAME:
             name = printable(self.texts[self.i + 1])
             self.report("S011", message, helps=(f"write `var {name}: {word} = ...;`",))
-            return self._c_style_declaration()
+            return self._parse_c_style_declaration()
         raise self.failure("S011", message)
 
-    def _place(self) -> tree.SyntaxExpr:
+    def _parse_place(self) -> tree.SyntaxExpr:
         start = self.starts[self.i]
         name = self.name("the name of a variable")
         place: tree.SyntaxExpr = tree.NameExpr(name.span, name)
@@ -293,27 +293,27 @@ class StatementParser(ExpressionParser):
             else:
                 return place
 
-    def _push(self) -> tree.SyntaxStmt:
+    def _parse_push(self) -> tree.SyntaxStmt:
         start = self.starts[self.take()]
-        place = self._place()
+        place = self._parse_place()
         self.expect(",", "after the list of `push`")
         value = self.value("the pushed value")
         return tree.PushStmt(self.span_from(start), place, value)
 
-    def _publish(self) -> tree.SyntaxStmt:
+    def _parse_publish(self) -> tree.SyntaxStmt:
         start = self.starts[self.take()]
         topic = self.ref("the name of a topic after `publish`")
         value = self.assigned_value("the topic of `publish`", "the publish statement")
         return tree.PublishStmt(self.span_from(start), topic, value)
 
-    def _return(self) -> tree.SyntaxStmt:
+    def _parse_return(self) -> tree.SyntaxStmt:
         start = self.starts[self.take()]
         if self.items and self.accept(";"):  # in a step, where `return` is the mistake
             return tree.ReturnStmt(self.span_from(start), tree.ErrorExpr(self.after_previous()))
         value = self.value("the returned value")
         return tree.ReturnStmt(self.span_from(start), value)
 
-    def _assert(self) -> tree.SyntaxStmt:
+    def _parse_assert(self) -> tree.SyntaxStmt:
         start = self.starts[self.take()]
         condition = self.expr("the condition")
         message = None
@@ -325,10 +325,10 @@ class StatementParser(ExpressionParser):
         self.expect_semicolon("the assertion")
         return tree.AssertStmt(self.span_from(start), condition, message)
 
-    def _if(self) -> tree.SyntaxStmt:
+    def _parse_if(self) -> tree.SyntaxStmt:
         start = self.starts[self.take()]
         arms = [self._parse_arm()]
-        while self.accept("elseif") or self._else_if():
+        while self.accept("elseif") or self._accept_else_if():
             arms.append(self._parse_arm())
         otherwise = self.block("after `else`", single=True) if self.accept("else") else None
         return tree.IfStmt(self.span_from(start), tuple(arms), otherwise)
@@ -337,8 +337,8 @@ class StatementParser(ExpressionParser):
         condition = self.head("the condition")
         return condition, self.block("after the condition", single=True)
 
-    def _else_if(self) -> bool:
-        """`else if`, `elif` and the like: reported, then taken for `elseif`."""
+    def _accept_else_if(self) -> bool:
+        """Whether `else if`, `elif` or the like stands here for `elseif`; then reports it."""
         i = self.i
         if self.kinds[i] == "else" and self.kinds[i + 1] == "if":
             span = self.token_span(i).to(self.token_span(i + 1))
@@ -351,7 +351,7 @@ class StatementParser(ExpressionParser):
             return True
         return False
 
-    def _for(self) -> tree.SyntaxStmt:
+    def _parse_for(self) -> tree.SyntaxStmt:
         start = self.starts[self.take()]
         name, low = self.loop_head()
         high = self.head("the end of the range") if self.accept("..") else None
@@ -376,7 +376,7 @@ class StatementParser(ExpressionParser):
             self.expect_word("in", "after the loop variable")
         return name, self.head("the range")
 
-    def _while(self) -> tree.SyntaxStmt:
+    def _parse_while(self) -> tree.SyntaxStmt:
         start = self.starts[self.i]
         self.report(
             "S018",
@@ -388,7 +388,7 @@ class StatementParser(ExpressionParser):
         )
         return tree.IfStmt(self.span_from(start), (self._parse_arm(),), None)
 
-    def _dangling_else(self) -> tree.SyntaxStmt:
+    def _parse_dangling_else(self) -> tree.SyntaxStmt:
         word = self.texts[self.i]
         self.report("S011", f"`{word}` without an `if` before it", skip=1)
         if self.kinds[self.i] == "if" or word == "elseif":
@@ -405,12 +405,12 @@ class StatementParser(ExpressionParser):
             self.skip_stray_semicolons()
             return
         message = f"expected a statement, found {self.found()}"
-        of_a_body = kind in BODY_WORDS and not self.closed_below(self.blocks + 1)
+        of_a_body = kind in BODY_WORDS and not self.are_braces_closed(self.blocks + 1)
         note = f"`{kind}` belongs in the body around: is a `}}` missing before it?"
         raise self.failure("S011", message, notes=(note,) if of_a_body else ())
 
     def skip_stray_semicolons(self) -> None:
-        """Report a `;` that ends nothing and step over all that follow."""
+        """Reports a `;` that ends nothing, and steps over all that follow."""
         behind_block = self.i and self.kinds[self.i - 1] == "}"
         message = "no `;` after a block" if behind_block else "this `;` ends nothing"
         self.report("S014", message, helps=("leave it out",))
@@ -419,20 +419,20 @@ class StatementParser(ExpressionParser):
 
 
 _STATEMENTS = {
-    NAME: StatementParser._assign,
+    NAME: StatementParser._parse_assign,
     "let": StatementParser.let,
-    "var": StatementParser._var,
-    "push": StatementParser._push,
-    "publish": StatementParser._publish,
-    "return": StatementParser._return,
-    "assert": StatementParser._assert,
-    "if": StatementParser._if,
-    "for": StatementParser._for,
-    "while": StatementParser._while,
-    "else": StatementParser._dangling_else,
-    "elseif": StatementParser._dangling_else,
-    "float": StatementParser._typed_declaration,
-    "int": StatementParser._typed_declaration,
-    "bool": StatementParser._typed_declaration,
-    "duration": StatementParser._typed_declaration,
+    "var": StatementParser._parse_var,
+    "push": StatementParser._parse_push,
+    "publish": StatementParser._parse_publish,
+    "return": StatementParser._parse_return,
+    "assert": StatementParser._parse_assert,
+    "if": StatementParser._parse_if,
+    "for": StatementParser._parse_for,
+    "while": StatementParser._parse_while,
+    "else": StatementParser._parse_dangling_else,
+    "elseif": StatementParser._parse_dangling_else,
+    "float": StatementParser._parse_typed_declaration,
+    "int": StatementParser._parse_typed_declaration,
+    "bool": StatementParser._parse_typed_declaration,
+    "duration": StatementParser._parse_typed_declaration,
 }

@@ -113,11 +113,11 @@ def parse_system(parser: BodyParser) -> tree.Decl:
 
 
 def _parse_instance(parser: BodyParser, parts: Parts) -> bool:
-    """Parses `name: What;` if that stands here."""
+    """Parses `name: What;`, and gives whether that stands here."""
     i = parser.i
     _refuse_leads_to(parser, i)
     element = parser.kinds[i : i + 2] == [NAME, "["] and (
-        parser.kinds[instance_arrays.behind_indices(parser, i + 1)] == ":"
+        parser.kinds[instance_arrays.index_after_brackets(parser, i + 1)] == ":"
     )
     colon = parser.kinds[i + 1] == ":" or element
     if colon and not element and parser.texts[i] in SYSTEM_ITEMS and parser.kinds[i + 2] != NAME:
@@ -162,7 +162,7 @@ def _lacks_colon(parser: BodyParser, i: int) -> bool:
     word = parser.texts[i]
     if word in SYSTEM_ITEMS or word in THEIRS:
         return False
-    return parser.close_word(word, SYSTEM_ITEMS) is None
+    return parser.word_close_to(word, SYSTEM_ITEMS) is None
 
 
 def _parse_instance_item(parser: BodyParser, kind: str, start: int) -> tree.Instance:
@@ -184,7 +184,7 @@ def _parse_braces(
     try:
         while True:
             after = _parse_wire_or_setting(parser, made_of, pairs, sets)
-            if not parser.comma("}", after, opener):
+            if not parser.accept_comma("}", after, opener):
                 break
     except Panic:
         while parser.kinds[parser.i] not in ("}", ";", EOF):
@@ -200,7 +200,7 @@ def _parse_wire_or_setting(
     pairs: list[tuple[tree.Ref, tree.DottedPath]],
     sets: list[tree.SetParam],
 ) -> str:
-    """Parses one wire or setting; returns its name, for the message about a missing comma."""
+    """Parses one wire or setting; gives its name for the message about a comma."""
     if parser.is_word("set") and parser.kinds[parser.i + 1] == NAME:
         start = parser.starts[parser.take()]
         sets.append(instance_arrays.parse_setting(parser, "set", start, inside=True))
@@ -215,11 +215,11 @@ def _parse_wire_or_setting(
 
 
 def _parse_reversed_wire(parser: BodyParser) -> tuple[tree.Ref, tree.DottedPath] | None:
-    """Reports S005 for `r[0].pose = ahead`, as the inner topic comes first; None without it."""
+    """Parses `r[0].pose = ahead` and reports S005: the inner topic comes first. None without it."""
     i = parser.i
-    behind = instance_arrays.behind_indices(parser, i + 1)
+    behind = instance_arrays.index_after_brackets(parser, i + 1)
     while parser.kinds[behind] == "." and parser.kinds[behind + 1] == NAME:
-        behind = instance_arrays.behind_indices(parser, behind + 2)
+        behind = instance_arrays.index_after_brackets(parser, behind + 2)
     alone = parser.kinds[behind + 1] == NAME and parser.kinds[behind + 2] in (",", "}")
     if "[" not in parser.kinds[i:behind] or parser.kinds[behind] != "=" or not alone:
         return None
@@ -300,7 +300,7 @@ _OF_AN_EXTERNAL_TOPIC: dict[str, Step] = {
 
 
 def _parse_external(parser: BodyParser, _word: str, start: int) -> tree.ExternalTopic:
-    """`external topic t [every d] [delayed d] [measured t.x within e, ...];`."""
+    """Parses `external topic t [every d] [delayed d] [measured t.x within e, ...];`."""
     parser.expect("topic", "after `external`")
     topic = parser.path("the name of a topic")
     found = clauses(parser, "external topic", _OF_AN_EXTERNAL_TOPIC)
@@ -376,7 +376,7 @@ def _parse_eventually(parser: BodyParser, _word: str, start: int) -> tree.Proper
 
 
 def _parse_leads_to(parser: BodyParser, parts: Parts) -> bool:
-    """`premise leadsto condition within d;` if that stands here."""
+    """Parses `premise leadsto condition within d;`, and gives whether that stands here."""
     i = parser.i
     kinds, texts = parser.kinds, parser.texts
     if texts[i] in TEST_ITEMS and kinds[i + 1] not in (".", "<", "<=", "==", "&&", "||"):

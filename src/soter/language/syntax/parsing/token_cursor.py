@@ -74,7 +74,7 @@ _TWO_ITEMS = "what follows the `,` is an item or a statement of its own, with a 
 
 
 class Panic(Exception):  # noqa: N818 - control flow inside the parser, never seen outside
-    """The current construct cannot be finished; who catches this looks for a place to go on."""
+    """Says that a construct cannot be finished; whoever catches this looks for a place to go on."""
 
 
 class TooManyErrorsError(Exception):
@@ -145,18 +145,18 @@ class Cursor:
         return Span(self.source, start, max(start, end))
 
     def token_span(self, index: int) -> Span:
-        """The span of one token."""
+        """Gives the span of one token."""
         return Span(self.source, self.starts[index], self.ends[index])
 
     def after_previous(self) -> Span:
-        """The empty span right behind the token before the cursor."""
+        """Gives the empty span right behind the token before the cursor."""
         end = self.ends[self.i - 1] if self.i else 0
         return Span(self.source, end, end)
 
     # ------------------------------------------------------------ reporting
 
     def found(self, index: int | None = None) -> str:
-        """Names the token at `index` (or the cursor) as messages call it."""
+        """Gives the token at `index` (or the cursor) as messages call it."""
         at = self.i if index is None else index
         kind = self.kinds[at]
         if kind == EOF:
@@ -179,9 +179,9 @@ class Cursor:
         skip: int = 0,
         once: bool = True,
     ) -> None:
-        """Report an error at the cursor (the token's span unless given), and skip so many tokens.
+        """Reports an error at the cursor (or at `span`), and skips `skip` tokens.
 
-        Only the first error at a token is told, unless the one before had `once=False`.
+        Only the first error at a token is reported, unless the one before had `once=False`.
         TooManyErrorsError beyond `ERRORS_MAX`.
         """
         i = self.i
@@ -197,15 +197,15 @@ class Cursor:
             if span is None:
                 span = self.token_span(i)
             labels = tuple(Label(s, t) for s, t in also)
-            if not helps and (theirs := self._in_soter()) is not None:
+            if not helps and (theirs := self._help_for_foreign_word()) is not None:
                 span, helps, label = theirs[0], (theirs[1],), ""
             self.problems.append(made(code, message, Label(span, label), labels, notes, helps))
         self.i += skip
         if not once:
             self.quiet = -1
 
-    def _in_soter(self) -> tuple[Span, Help] | None:
-        """A word of another language before the cursor or at it, and what Soter has for it."""
+    def _help_for_foreign_word(self) -> tuple[Span, Help] | None:
+        """Gives a word of another language before or at the cursor, and its help; or None."""
         for i in (self.i - 1, self.i):
             word = word_at(self.source.text, self.starts[i]) if i >= 0 else ""
             span = Span(self.source, self.starts[i], self.starts[i] + len(word))
@@ -213,14 +213,14 @@ class Cursor:
                 if isinstance(help_, str):
                     named = self.kinds[i + 1] == NAME
                     return span, help_.replace("Name", self.texts[i + 1]) if named else help_
-                if (good := self._tried(help_, i)) is not None:
+                if (good := self._fix_that_parses(help_, i)) is not None:
                     return span, good
         return None
 
-    def _tried(self, fix: Fix, i: int) -> Fix | None:
-        """An edit of token `i`, if it leaves no syntax error up to the end of its item.
+    def _fix_that_parses(self, fix: Fix, i: int) -> Fix | None:
+        """Gives an edit of token `i` if the item has no syntax error with it; else None.
 
-        None where so much was tried in this file that this edit is not.
+        None, too, if trials have already cost TRIED_MAX characters in this file.
         """
         (written,) = apply_fix(fix).values()
         self.tried += len(written)
@@ -241,7 +241,7 @@ class Cursor:
         return Fix(f"{fix.title}: `{shown}`" if gone else f"write `{shown}`", fix.edits)
 
     def file(self) -> File:
-        """The whole file, read from its beginning."""
+        """Parses the whole file."""
         raise NotImplementedError
 
     def failure(
@@ -255,7 +255,7 @@ class Cursor:
         notes: tuple[str, ...] = (),
         helps: tuple[Help, ...] = (),
     ) -> Panic:
-        """Report as `report` does; the caller raises what it gets."""
+        """Reports as `report` does; gives a Panic for the caller to raise."""
         self.report(code, message, span, label, also=also, notes=notes, helps=helps)
         return Panic()
 
@@ -266,7 +266,7 @@ class Cursor:
         return self.texts[self.i] == word and self.kinds[self.i] == NAME
 
     def item_end(self) -> int:
-        """The token that ends the item at the cursor, or the brace that opens its block."""
+        """Gives the index of the token that ends the item at the cursor, or of its block's `{`."""
         i = self.i
         while self.kinds[i] not in (";", "{", "}", EOF):
             i += 1
@@ -276,7 +276,7 @@ class Cursor:
         """Whether the token at the cursor stands on another line than the one before it."""
         return not self.i or ("\n" in self.source.text[self.ends[self.i - 1] : self.starts[self.i]])
 
-    def at_declaration(self) -> bool:
+    def is_at_declaration(self) -> bool:
         """Whether a declaration begins here, judged by its first two or three tokens."""
         i, kinds = self.i, self.kinds
         kind = kinds[i]
@@ -294,7 +294,7 @@ class Cursor:
         third = kinds[i + 2]
         if kind == "node":
             if third == NAME:
-                return self.close_word(self.texts[i + 2], ["period"]) is not None
+                return self.word_close_to(self.texts[i + 2], ["period"]) is not None
             return third in ("period", "phase") or (third == "{" and not self._is_instance(i))
         if kind == "system":
             return third == "{" or (third == NAME and self.texts[i + 2] == "default")
@@ -307,8 +307,8 @@ class Cursor:
         wired = self.kinds[i + 3] == NAME and self.kinds[i + 4] in ("=", ":=")
         return wired or self.kinds[i + 4] == "."
 
-    def close_word(self, word: str, words: Iterable[str]) -> str | None:
-        """The known word that was probably meant by `word`."""
+    def word_close_to(self, word: str, words: Iterable[str]) -> str | None:
+        """Gives the known word that `word` was probably meant to be; None if none is close."""
         near = closest(word.lower(), words, 0.75)
         return near[0] if near else None
 
@@ -320,42 +320,42 @@ class Cursor:
             self.i += 1
 
     def take(self) -> int:
-        """Step over the token at the cursor, which is not the end; returns its index."""
+        """Steps over the token at the cursor, which is not the end; gives its index."""
         self.i += 1
         return self.i - 1
 
     def accept(self, kind: str) -> bool:
-        """Step over a token of this kind if it is here."""
+        """Whether a token of this kind is here; then steps over it."""
         here = self.kinds[self.i] == kind
         self.i += here
         return here
 
     def accept_word(self, word: str) -> bool:
-        """Step over this contextual word if it is here."""
+        """Whether this contextual word is here; then steps over it."""
         here = self.is_word(word)
         self.i += here
         return here
 
     def expect(self, kind: str, where: str, *, opener: int | None = None) -> None:
-        """Step over a token of this kind; else "expected `kind` `where`, found ..." and Panic."""
+        """Steps over a token of this kind; else "expected `kind` `where`, found ...", Panic."""
         if self.accept(kind):
             return
         also = ((self.token_span(opener), "opened here"),) if opener is not None else ()
         raise self.failure("S005", f"expected `{kind}` {where}, found {self.found()}", also=also)
 
     def expect_word(self, word: str, where: str) -> None:
-        """Step over this contextual or reserved word; a near miss counts, else Panic."""
+        """Steps over this word, contextual or reserved; reports a near miss; else Panic."""
         if self.texts[self.i] == word:
             self.i += 1
             return
         message = f"expected `{word}` {where}, found {self.found()}"
-        if self.kinds[self.i] == NAME and self.close_word(self.texts[self.i], [word]):
+        if self.kinds[self.i] == NAME and self.word_close_to(self.texts[self.i], [word]):
             self.report("S005", message, helps=(replace(self.token_span(self.i), word),), skip=1)
             return
         raise self.failure("S005", message)
 
     def assign(self, where: str) -> None:
-        """Step over `=`, forgiving `:=` and `==`; Panic where there is none."""
+        """Steps over `=`; reports `:=` and `==` and goes on; Panic for anything else."""
         kind = self.kinds[self.i]
         if self.accept("="):
             return
@@ -370,29 +370,29 @@ class Cursor:
         raise self.failure("S005", f"expected `=` {where}, found {self.found()}")
 
     def expect_semicolon(self, after: str) -> None:
-        """Step over `;`; if it is missing, say so where it belongs and carry on."""
+        """Steps over `;`; if it is missing, reports it where it belongs and goes on."""
         if self.accept(";"):
             return
         self.report_missing_semicolon(after)
-        if not self.fresh_start():
+        if not self.may_go_on():
             self.damaged = True
             self.skip_statement()
 
     def report_missing_semicolon(self, after: str, helps: tuple[Help, ...] = ()) -> None:
-        """Report that `;` is missing behind the previous token."""
+        """Reports that `;` is missing after the previous token."""
         message = f"expected `;` after {after}, found {self.found()}"
-        if not helps and self.new_line() and self.fresh_start():
+        if not helps and self.new_line() and self.may_go_on():
             helps = (append(self.after_previous(), ";", "put `;` here"),)
         notes: tuple[str, ...] = ()
-        if self.new_line() or self.kinds[self.i] in ("}", EOF) or self.fresh_start():
+        if self.new_line() or self.kinds[self.i] in ("}", EOF) or self.may_go_on():
             label = "`;` is missing here"
         else:
             label = f"{after} ends here"
             notes = (_TWO_ITEMS if self.kinds[self.i] == "," else _BETWEEN,)
         self.report("S004", message, self.after_previous(), label, notes=notes, helps=helps)
 
-    def fresh_start(self) -> bool:
-        """Whether a statement, an item or the end follows, so that nothing need be skipped."""
+    def may_go_on(self) -> bool:
+        """Whether a statement, an item or the end follows, so that no token must be skipped."""
         kind = self.kinds[self.i]
         return (
             kind in ("}", EOF)
@@ -400,24 +400,24 @@ class Cursor:
             or kind in ITEM_WORDS
             or self.texts[self.i] in self.items
             or ((kind in RESERVED or kind == NAME) and self.new_line())
-            or self.at_declaration()
+            or self.is_at_declaration()
         )
 
     def name(self, subject: str) -> Name:
-        """A NAME, or a reserved word used as one (reported once per word); else Panic."""
+        """Reads a name, or a reserved word used as one (reported once per word); else Panic."""
         i = self.i
         kind = self.kinds[i]
         if kind in (NAME, ERROR):  # an ERROR such as `3x` was reported
             self.i = i + 1
             return Name(self.texts[i], self.token_span(i))
         if kind in _KIND_WORDS and self._name_beside(i):
-            return self._named_with_its_kind(subject)
-        if kind in RESERVED and not self._stops(i):
-            return self.misused_word(subject)
+            return self._name_after_kind(subject)
+        if kind in RESERVED and not self._begins_next_construct(i):
+            return self.name_from_reserved_word(subject)
         raise self.failure("S006", f"expected {subject}, found {self.found()}")
 
-    def _named_with_its_kind(self, subject: str) -> Name:
-        """`ac node Fast`, or `ac node Fast period 10ms { ... }`, which is stepped over."""
+    def _name_after_kind(self, subject: str) -> Name:
+        """Reads the name in `ac node Fast`; reports the kind, and skips a body after it."""
         i = self.i
         name = self.texts[i + 1]
         in_place = self.kinds[i + 2] in ("period", "phase", "{")
@@ -443,8 +443,8 @@ class Cursor:
         between = self.source.text[self.ends[i] : self.starts[i + 1]]
         return self.kinds[i + 1] == NAME and "\n" not in between
 
-    def misused_word(self, subject: str) -> Name:
-        """The reserved word at the cursor, taken for a name; reported the first time."""
+    def name_from_reserved_word(self, subject: str) -> Name:
+        """Reads the reserved word at the cursor as a name; reports it the first time."""
         i = self.i
         word = self.texts[i]
         if word not in self.misused:
@@ -458,8 +458,8 @@ class Cursor:
         self.i = i + 1
         return Name(word, self.token_span(i))
 
-    def _stops(self, i: int) -> bool:
-        """Whether the reserved word at `i` is more likely the next construct than a name."""
+    def _begins_next_construct(self, i: int) -> bool:
+        """Whether the reserved word at `i` probably begins the next construct, and is no name."""
         following = self.kinds[i + 1]
         return (self.texts[i] in STATEMENT_WORDS and following in _LITERALS) or (
             following in (EOF, "{") and self.new_line()
@@ -481,11 +481,11 @@ class Cursor:
             parts.append(self.name("a name after `.`"))
         return DottedPath(tuple(parts), self.span_from(first.span.start))
 
-    def comma(self, close: str, after: str, opener: int) -> bool:
-        """Between the elements of a bracketed list: True if another one follows.
+    def accept_comma(self, close: str, after: str, opener: int) -> bool:
+        """Whether another element of a bracketed list follows.
 
-        Steps over `,` or over `close`. A forgotten comma before something that looks like an
-        element is reported and taken as written. Panic where neither can be meant.
+        Steps over `,` or over `close`. A missing comma before what looks like an element is
+        reported. Panic if the token can mean neither.
         """
         if self.accept(close):
             return False
@@ -521,7 +521,7 @@ class Cursor:
                 if braces <= 0:
                     break
                 braces -= 1
-            elif self.at_declaration():
+            elif self.is_at_declaration():
                 break
             self.i += 1
         self.quiet = self.i
@@ -540,7 +540,7 @@ class Cursor:
             if kind == "{":
                 self.skip_braces()
                 return
-            if self.at_declaration():
+            if self.is_at_declaration():
                 break
             self.i += 1
         self.quiet = self.i
@@ -557,7 +557,7 @@ class Cursor:
         level = 0
         while True:
             kind = kinds[self.i]
-            if kind == EOF or (level and self.at_declaration()):
+            if kind == EOF or (level and self.is_at_declaration()):
                 break
             self.i += 1
             if kind == "{":
@@ -570,17 +570,17 @@ class Cursor:
         self.quiet = self.i
 
     def skip_to_declaration(self) -> None:
-        """Move to the next declaration or the end of the file."""
-        while self.kinds[self.i] != EOF and not self.at_declaration():
+        """Moves to the next declaration or the end of the file."""
+        while self.kinds[self.i] != EOF and not self.is_at_declaration():
             self.i += 1
         self.quiet = self.i
 
-    def nested_declaration(self) -> bool:
+    def is_nested_declaration(self) -> bool:
         """Whether the declaration at the cursor is indented as if it belonged to this one."""
         return not self.inner and self.line_indent(self.i) > self.indent
 
-    def closed_below(self, levels: int) -> bool:
-        """Whether so many braces around the cursor are closed before the next declaration."""
+    def are_braces_closed(self, levels: int) -> bool:
+        """Whether `levels` braces around the cursor are closed before the next declaration."""
         for i in range(self.i, len(self.kinds)):
             kind = self.kinds[i]
             levels += (kind == "{") - (kind == "}")
@@ -591,10 +591,10 @@ class Cursor:
         return False
 
     def line_indent(self, index: int) -> int:
-        """Characters before the first word of the line on which the token stands."""
+        """Gives how many blanks begin the line of a token."""
         line = self.source.line(self.source.line_of(self.starts[index]))
         return len(line) - len(line.lstrip())
 
-    def first_on_line(self, index: int) -> bool:
+    def is_first_on_line(self, index: int) -> bool:
         """Whether a token is the first of its line."""
         return self.line_indent(index) == self.source.column_of(self.starts[index]) - 1

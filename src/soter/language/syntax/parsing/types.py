@@ -22,7 +22,7 @@ _BUILTIN = frozenset(["bool", "float", "duration", "int"])
 
 
 def type_expression(parser: ExpressionParser, subject: str) -> tree.TypeExpr:
-    """A type expression; a broken one becomes an ErrorTypeExpr."""
+    """Gives a type expression; a broken one becomes an ErrorTypeExpr."""
     start, depth = parser.i, parser.depth
     try:
         return _parse_type(parser, subject)
@@ -37,7 +37,7 @@ def _skip_type(parser: ExpressionParser, start: int) -> None:
     level = sum(1 if k in "{[(" else -1 for k in kinds[start : parser.i] if k in "{}[]()")
     while True:
         kind = kinds[parser.i]
-        if kind in (";", EOF, "=") or parser.at_declaration():
+        if kind in (";", EOF, "=") or parser.is_at_declaration():
             break
         if level <= 0 and kind in (",", ")", "}", "{", "in", "]"):
             break
@@ -117,7 +117,7 @@ def _parse_base_type(parser: ExpressionParser, subject: str) -> tree.TypeExpr:
 
 
 def _refuse_foreign_type(parser: ExpressionParser, ref: tree.Ref, i: int) -> None:
-    """`List<float>` and the like are no types; `double` is left to the checker."""
+    """Reports `List<float>` and the like; `double` is left to the checker."""
     if parser.kinds[parser.i] != "<":
         return
     parser.i = i
@@ -139,13 +139,13 @@ def _parse_record_type(parser: ExpressionParser) -> tree.TypeExpr:
         field = parser.name("the name of a field")
         parser.expect(":", f"after the field `{printable(field.text)}`")
         entries.append((field, _parse_type(parser, "the type of the field")))
-        if not parser.comma("}", "the field", opener):
+        if not parser.accept_comma("}", "the field", opener):
             break
     return tree.RecordTypeExpr(parser.span_from(parser.starts[opener]), tuple(entries))
 
 
 def parse_value_set(parser: ExpressionParser) -> tree.IntervalExpr | tree.RecordSet:
-    """An interval, or one set per field of a record; Panic where neither can be read."""
+    """Gives an interval, or one set per field of a record; Panic where neither can be read."""
     opener = parser.i
     if parser.kinds[opener] != "{":
         return parser.interval("a set of values")
@@ -166,7 +166,7 @@ def parse_value_set(parser: ExpressionParser) -> tree.IntervalExpr | tree.Record
         else:
             parser.expect("in", f"after the field `{printable(field.text)}`")
         entries.append((field, parse_value_set(parser)))
-        if not parser.comma("}", "the field", opener):
+        if not parser.accept_comma("}", "the field", opener):
             break
     parser.depth -= 1
     return tree.RecordSet(tuple(entries), parser.span_from(parser.starts[opener]))
