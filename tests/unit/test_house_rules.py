@@ -42,7 +42,7 @@ def first_sentence(path: Path) -> str:
     return re.split(r"\.\s", " ".join(docstring.partition("\n\n")[0].split()))[0]
 
 
-NOT_OF_THE_FILE = {"wcet", "trace_sha256", "rosbags", "idlc"}
+NOT_OF_THE_FILE = {"wcet", "trace_sha256", "rosbags", "idlc", "make"}
 """Names in heads that are a field of JSON, a member of C, or somebody else's program."""
 
 

@@ -6,7 +6,7 @@ import itertools
 import math
 from fractions import Fraction
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ from soter.certificate.cell_sets import Cells, Grid, holds_in_parts
 from soter.certificate.extras import prelude_functions
 from soter.certificate.extras.estimates_and_shield import axes_seen_by_dm
 from soter.certificate.grid.flow_enclosures import LocalFlow
-from soter.certificate.grid.group_claims import ChainCheck
+from soter.certificate.grid.group_claims import ChainCheck, GroupTables
 from soter.certificate.reading.case_model import FARTHEST
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.linear_enclosures import (
@@ -33,6 +33,10 @@ from soter.certificate.terms.straight_line import growth
 from soter.certificate.terms.terms import Terms
 from tables import all_rows
 from unit.certificate.grid_tables import grid_beyond
+from unit.certificate.test_single_refusals import facts_of
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 # ---------------------------------------------------------------- numbers
 
@@ -195,11 +199,15 @@ def test_what_holds_on_the_grid_alone_does_not_hold_beyond_its_open_end() -> Non
         assert found.members.tolist() == members
 
 
-def test_a_state_that_the_dm_does_not_see_has_one_cell() -> None:
-    states = [SimpleNamespace(name=n) for n in "xy"]
-    facts: Any = SimpleNamespace(leaves={0: None}, states=states)
-    group: Any = SimpleNamespace(states=(0, 1), grid=SimpleNamespace(shape=(4, 1)))
-    assert axes_seen_by_dm(facts, group) == [0]
-    group.grid.shape = (4, 2)
-    with pytest.raises(NotRecheckedError, match=r"no topic shows `y`.* write `/ 1`"):
-        axes_seen_by_dm(facts, group)
+def test_a_state_that_the_dm_does_not_see_has_one_cell(tmp_path: Path) -> None:
+    facts = facts_of(tmp_path)
+    del facts.leaves[1]
+    every = tuple(k / 4 for k in range(5))
+
+    def group(*edges: tuple[float, ...]) -> GroupTables:
+        grid = Grid(edges)
+        return GroupTables((0, 1), grid, np.ones(grid.shape, np.uint8))
+
+    assert axes_seen_by_dm(facts, group(every, (0.0, 1.0))) == [0]
+    with pytest.raises(NotRecheckedError, match=r"no topic shows `q.q`.* write `/ 1`"):
+        axes_seen_by_dm(facts, group(every, (0.0, 0.5, 1.0)))

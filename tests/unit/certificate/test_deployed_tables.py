@@ -7,7 +7,6 @@ import json
 import re
 import shutil
 from pathlib import Path
-from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,13 +18,10 @@ import soter
 from soter.api import recheck
 from soter.certificate.cell_sets import Grid
 from soter.certificate.extras.estimates_and_shield import (
-    compare_tables,
     least_levels,
     packed_levels,
 )
-from soter.certificate.grid.grid_group import GridGroup
 from soter.certificate.grid.group_claims import GroupTables
-from soter.certificate.report import RejectedError
 from soter.language.front_end import check_file, system_of
 from soter.verify.deploy.missing_predicates import complete
 from unit.certificate import small_proofs
@@ -232,17 +228,3 @@ def test_the_table_is_what_holds_in_every_case() -> None:
     cases = [group([1, 1, 1, 0, 1], [1, 0, 1, 0, 1]), group([1, 1, 1, 1, 0], [1, 1, 0, 1, 0])]
     assert least_levels(cases).tolist() == [2, 1, 1, 0, 0]
     assert packed_levels(least_levels(cases)) == bytes([2 + 4 + 16, 0])
-
-
-def test_the_dm_has_one_table_for_each_group_whatever_the_case() -> None:
-    nothing: Any = None
-    tables: Any = SimpleNamespace(states=(0,))
-    cells = GridGroup(tables)
-    asked: Any = (
-        ([[cells]], [], "not one for each group"),
-        ([[cells]], [{}, {}], "not one for each group"),
-        ([[cells], [cells, cells]], [{}], "the cases have other groups"),
-    )
-    for cases, entries, why in asked:
-        with pytest.raises(RejectedError, match=why):
-            compare_tables(nothing, nothing, cases, entries)

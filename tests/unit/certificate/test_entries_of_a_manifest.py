@@ -4,19 +4,25 @@ from __future__ import annotations
 
 import copy
 import itertools
+import math
 from concurrent.futures import BrokenExecutor
 from functools import partial
+from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 
 from soter.certificate import rechecker
 from soter.certificate.cell_sets import Grid
 from soter.certificate.extras import estimates_and_shield
+from soter.certificate.extras.estimates_and_shield import packed_levels
 from soter.certificate.extras.left_out_states import GridBeyondEnds, has_no_ends
+from soter.certificate.grid.grid_group import GridGroup
+from soter.certificate.grid.group_claims import GroupTables
 from soter.certificate.proof_methods import MODULES
-from soter.certificate.reading.folder import MANIFEST_KEYS, NotACertificateError
+from soter.certificate.reading.folder import MANIFEST_KEYS, Certificate, NotACertificateError
 from soter.certificate.reading.module_facts import Facts
 from soter.certificate.reading.module_times import TIME_KEYS
 from soter.certificate.report import (
@@ -119,45 +125,43 @@ def group_entry(*axes: tuple[str, list[float]], **more: Any) -> dict[str, Any]:
 P, Q = ("p.p", [-3.0, 0.0, 3.0]), ("q.q", [-1.0, 1.0])
 
 
-def read_groups(
-    facts: Facts, entries: list[Any], monkeypatch: pytest.MonkeyPatch, **kinds: Any
-) -> list[Any]:
-    """With groups that hold what they are given."""
-
-    group = SimpleNamespace(
-        required=("kind", "axes", "K"),
-        optional=("R",),
-        read=lambda _, __, entry, axes: SimpleNamespace(
-            entry=entry, states=axes.states, grid=axes.grid
-        ),
-    )
-    monkeypatch.setattr(rechecker, "import_grid_group", lambda: group)
+def read_groups(facts: Facts, entries: list[Any], **kinds: Any) -> list[GridGroup]:
+    """With tables of the size of each grid."""
     facts = copy.copy(facts)
     facts.extents = ((-3.0, 3.0), (-1.0, 1.0))
     for name, value in kinds.items():
         setattr(facts, name, value)
-    certificate: Any = SimpleNamespace(breakpoints=tuple)
+    contents: dict[str, bytes] = {}
+    entries = copy.deepcopy(entries)
+    for k, entry in enumerate(entries):
+        cells = math.prod(len(axis["edges"]) - 1 for axis in entry["axes"])
+        if "K" in entry:
+            entry["K"] = f"sets/{k}_K"
+            contents[entry["K"]] = bytes(max(cells, 0))
+        for axis in entry["axes"]:
+            data = np.array(axis["edges"]).tobytes()
+            axis["edges"] = f"sets/{k}_{axis['state']}"
+            contents[axis["edges"]] = data
+    certificate = Certificate(Path(), {}, contents | {"sets/R": bytes([1])}, set())
     return rechecker.read_groups(certificate, facts, entries)
 
 
-def test_groups_hold_each_state_once(two: Facts, monkeypatch: pytest.MonkeyPatch) -> None:
-    one = read_groups(two, [group_entry(Q, P, R="sets/R")], monkeypatch)
-    assert [(g.states, g.grid.edges) for g in one] == [((1, 0), (tuple(Q[1]), tuple(P[1])))]
-    both = read_groups(two, [group_entry(P), group_entry(Q)], monkeypatch)
+def test_groups_hold_each_state_once(two: Facts) -> None:
+    one = read_groups(two, [group_entry(Q, P, R="sets/R")])
+    assert [(g.states, g.tables.grid.edges) for g in one] == [((1, 0), (tuple(Q[1]), tuple(P[1])))]
+    both = read_groups(two, [group_entry(P), group_entry(Q)])
     assert [g.states for g in both] == [(0,), (1,)]
-    assert type(both[0].grid) is Grid
+    assert type(both[0].tables.grid) is Grid
     for wrong in ([], [group_entry(P)], [group_entry(P, Q), group_entry(Q)], [group_entry(P, P)]):
         with pytest.raises(RejectedError, match="exactly once"):
-            read_groups(two, wrong, monkeypatch)
+            read_groups(two, wrong)
 
 
-def test_axes_without_ends_are_those_of_the_program(
-    two: Facts, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_axes_without_ends_are_those_of_the_program(two: Facts) -> None:
     for open_states in (set(), {0}, {1}, {0, 1}):
-        found = read_groups(two, [group_entry(Q, P)], monkeypatch, unbounded=open_states)
+        found = read_groups(two, [group_entry(Q, P)], unbounded=open_states)
         ends = tuple(s in open_states for s in (1, 0))
-        grid = found[0].grid
+        grid = found[0].tables.grid
         assert [has_no_ends(grid, k) for k in (0, 1)] == [*ends]
         assert isinstance(grid, GridBeyondEnds) is bool(open_states)
 
@@ -178,34 +182,46 @@ WRONG_GROUPS: dict[str, tuple[type[Exception], dict[str, Any]]] = {
 
 
 @pytest.mark.parametrize("words", WRONG_GROUPS)
-def test_groups_that_are_none(two: Facts, monkeypatch: pytest.MonkeyPatch, words: str) -> None:
+def test_groups_that_are_none(two: Facts, words: str) -> None:
     error, entry = WRONG_GROUPS[words]
     with pytest.raises(error, match=words):
-        read_groups(two, [entry], monkeypatch)
+        read_groups(two, [entry])
 
 
-def test_the_dm_has_a_table_for_each_group(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[Any] = []
+def test_the_dm_has_a_table_for_each_group(two: Facts) -> None:
+    """It is that of the sets of all cases, and is handed to the group of each."""
 
-    def group(name: str) -> Any:
-        return SimpleNamespace(tables=name)
+    def group(state: int, edges: list[float], *level: bool) -> GridGroup:
+        levels = [np.array(level)] * 2
+        grid = Grid((tuple(edges),))
+        return GridGroup(GroupTables((state,), grid, np.ones(len(level), np.uint8), levels=levels))
 
-    monkeypatch.setattr(estimates_and_shield, "compare_table", lambda _, __, *of: asked.append(of))
-
-    none: Any = None
-    cases: list[list[Any]] = [
-        [group("a"), group("b")],
-        [group("c"), group("d")],
+    cases = [
+        [group(0, P[1], True, True), group(1, Q[1], True)],
+        [group(0, P[1], False, True), group(1, Q[1], True)],
     ]
-    estimates_and_shield.compare_tables(none, none, cases, [{"n": 1}, {"n": 2}])
-    assert asked == [(["a", "c"], {"n": 1}), (["b", "d"], {"n": 2})]
-    counts: tuple[list[Any], ...] = ([{}], [{}, {}, {}], [])
-    for entries in counts:
+    contents = {
+        "sets/p": np.array(P[1]).tobytes(), "sets/q": np.array(Q[1]).tobytes(),
+        "sets/of_p": packed_levels(np.array([0, 2], np.uint8)),
+        "sets/of_q": packed_levels(np.array([2], np.uint8)),
+    }  # fmt: skip
+    certificate = Certificate(Path(), {}, contents, set())
+    entries: list[Any] = [
+        {"axes": [{"state": f"{n}.{n}", "edges": f"sets/{n}"}], "levels": f"sets/of_{n}"}
+        for n in "pq"
+    ]
+    estimates_and_shield.compare_tables(certificate, two, cases, entries)
+    for of_p, of_q in cases:
+        given = [of.tables.given_back for of in (of_p, of_q)]
+        assert [of.tolist() for of in given if of is not None] == [[False, True], [True]]
+    with pytest.raises(RejectedError, match="other axes"):
+        estimates_and_shield.compare_tables(certificate, two, cases, entries[::-1])
+    for wrong in (entries[:1], [*entries, entries[1]], []):
         with pytest.raises(RejectedError, match="one for each group"):
-            estimates_and_shield.compare_tables(none, none, cases, entries)
+            estimates_and_shield.compare_tables(certificate, two, cases, wrong)
     cases[1].pop()
     with pytest.raises(RejectedError, match="other groups"):
-        estimates_and_shield.compare_tables(none, none, cases, [{}, {}])
+        estimates_and_shield.compare_tables(certificate, two, cases, entries)
 
 
 # ---------------------------------------------------------------- modules and reports

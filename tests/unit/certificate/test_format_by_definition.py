@@ -7,9 +7,9 @@ import itertools
 import math
 import os
 import struct
-from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 
 from soter.certificate import proof_methods
@@ -25,6 +25,8 @@ from soter.certificate.report import NotRecheckedError, RejectedError
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from numpy.typing import NDArray
 
 
 def of_files(folder: Path, **contents: bytes) -> Certificate:
@@ -342,8 +344,8 @@ def test_each_part_rests_on_a_claim_that_is_made() -> None:
 
 @pytest.mark.parametrize("claim", ["P2a", "start", "P2b", "P3", "ttf", "safer", "P1a"])
 def test_k_and_the_time_to_return_rest_on_claims(claim: str) -> None:
-    def of(*members: bool) -> Any:
-        return SimpleNamespace(any=lambda: any(members))
+    def of(*members: bool) -> NDArray[np.bool_]:
+        return np.array(members)
 
     for cells, back in itertools.product(
         ([], [of(False)], [of(False), of(False, True)]), (None, 0, 5)

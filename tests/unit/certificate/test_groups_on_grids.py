@@ -2,32 +2,34 @@
 
 from __future__ import annotations
 
-import itertools
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
-from soter.certificate.cell_sets import Grid
+from soter.certificate.cell_sets import Axes, Grid
 from soter.certificate.extras import estimates_and_shield, handovers, trial
 from soter.certificate.extras.estimates_and_shield import packed_levels
-from soter.certificate.grid import grid_group
 from soter.certificate.grid.grid_group import GridGroup
 from soter.certificate.grid.group_claims import (
     RESTS,
     GroupTables,
 )
-from soter.certificate.reading.folder import FREE
-from soter.certificate.report import RejectedError
+from soter.certificate.reading.folder import FREE, Certificate
+from soter.certificate.report import RecheckedModule, RejectedError
 from unit.certificate.grid_tables import LINE, bools, check_of, fails, tables
+from unit.certificate.test_single_refusals import facts_of
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 def test_what_a_group_says_of_itself() -> None:
     group = GridGroup(tables([1, 0, 1, 0]))
     assert group.states == (0,)
     group.tables.free = bools(0, 0, 0, 0)
-    told: Any = SimpleNamespace(cells=5)
+    told = RecheckedModule("M", {}, cells=5)
     group.add_size_to(told)
     assert told.cells == 9
     assert group.why_ac_never == ""
@@ -56,32 +58,40 @@ def test_the_law_is_looked_at_on_the_cells_of_sc() -> None:
             own.cells_kept_by_law(wrong)
 
 
-def test_tables_are_read_where_they_are_named() -> None:
-    def numbers(path: Any, shape: Any, kind: str) -> Any:
-        return core if path == "k" else ("numbers", path, shape, kind)
+def test_tables_are_read_where_they_are_named(tmp_path: Path) -> None:
+    contents = {
+        "sets/k": bytes([1, 2, 0, 1]), "sets/r": bytes([0b0101]), "sets/q": bytes([3, 0, 0, 1]),
+        "sets/w": np.array([1, 2, 300, 0], dtype="<u2").tobytes(), "sets/n": bytes([0, 4, 5, 0]),
+        "sets/s": bytes([0b0111]), "sets/t": bytes([0b0010]), "sets/still": bytes([1, RESTS, 0, 1]),
+    }  # fmt: skip
+    facts, line = facts_of(tmp_path), Axes((0,), LINE)
 
-    core = np.array([1, 2, 0, 1], dtype=np.uint8)
-    facts: Any = SimpleNamespace(at_rest=False)
-    certificate: Any = SimpleNamespace(
-        number_table=numbers,
-        set_of_cells=lambda path, shape: ("bits", path, shape),
-        count_cells=lambda _: None,
-    )
-    axes: Any = SimpleNamespace(states=(0,), grid=LINE)
-    entry = {"K": "k", "R": "r", "Q": "q", "W": "w", "W_N": "n", "S": ["s", "t"]}
-    got = GridGroup.read(certificate, facts, entry, axes).tables
-    shape = (4,)
-    assert got.core is core
+    def read(**entry: Any) -> GroupTables:
+        certificate = Certificate(tmp_path, {}, contents, set())
+        return GridGroup.read(certificate, facts, entry, line).tables
+
+    named: dict[str, dict[str, Any]] = {
+        "R": {"R": "sets/r"}, "Q": {"Q": "sets/q"}, "W": {"W": "sets/w", "W_N": "sets/n"},
+        "S": {"S": ["sets/s", "sets/t"]},
+    }  # fmt: skip
+    for there in ("", "R", "Q", "W", "S", "RQWS"):
+        got = read(K="sets/k", **{n: path for name in there for n, path in named[name].items()})
+        assert got.core.tolist() == [1, 2, 0, 1]
+        found = [of is not None for of in (got.free, got.home, got.rank, got.rank_holds)]
+        assert found == [name in there for name in "RQWW"]
+        assert len(got.levels) == (2 if "S" in there else 0)
+    assert got.free is not None
+    assert got.free.tolist() == [True, False, True, False]
+    assert [of.tolist() for of in (got.home, got.rank, got.rank_holds) if of is not None] == [
+        [3, 0, 0, 1], [1, 2, 300, 0], [0, 4, 5, 0],
+    ]  # fmt: skip
+    assert [of.tolist() for of in got.levels] == [
+        bools(1, 1, 1, 0).tolist(),
+        bools(0, 1, 0, 0).tolist(),
+    ]
     assert not facts.at_rest
-    assert got.free == ("bits", "r", shape)
-    assert got.home == ("numbers", "q", shape, "<u1")
-    assert got.rank == ("numbers", "w", shape, "<u2")
-    assert got.rank_holds == ("numbers", "n", shape, "<u1")
-    assert got.levels == [("bits", "s", shape), ("bits", "t", shape)]
-    core[1] = RESTS
-    bare = GridGroup.read(certificate, facts, {"K": "k"}, axes).tables
+    read(K="sets/still")
     assert facts.at_rest
-    assert (bare.free, bare.home, bare.rank, bare.rank_holds, bare.levels) == (None,) * 4 + ([],)
 
 
 def test_a_table_of_the_dm_is_that_of_all_cases() -> None:
@@ -182,9 +192,3 @@ def test_a_few_cells_of_k_are_tried(claims: set[str], monkeypatch: pytest.Monkey
         assert [(a, n) for a, n, *_ in led] == wanted
         assert all((b - a, n, t, p) == (1.0, 4, True, 1) for a, _, b, n, t, p in led)
         assert stayed == ([(a, 4) for a, _ in wanted] if claims & FREE else [])
-
-
-def test_who_shows_that_rates_are_defined(monkeypatch: pytest.MonkeyPatch) -> None:
-    for kept, linear in itertools.product((True, False), repeat=2):
-        monkeypatch.setattr(grid_group, "has_linear_rates", lambda *_, linear=linear: linear)
-        assert check_of(tables([1] * 4), kept=kept).shows_rates_defined is (not kept and not linear)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import itertools
-from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -196,18 +196,21 @@ def test_a_plant_is_part_of_the_problem_where_it_is_read(
     assert [c.name for c in facts.plants] == [f"{home}p", f"{home}q"][: 1 + there]
 
 
-def test_flows_and_maps_are_told_apart() -> None:
-    def of(*, extern: bool = False, der: Any = (), moves: Any = ()) -> Any:
-        plant = SimpleNamespace(extern=extern, der=der, next=moves)
-        return SimpleNamespace(name="P", plant=plant)
-
-    assert problem._plant_kind(of()) == "flow"
-    assert problem._plant_kind(of(der=[1])) == "flow"
-    assert problem._plant_kind(of(moves=[1])) == "map"
+def test_flows_and_maps_are_told_apart(tmp_path: Path) -> None:
+    (c,) = facts_with(tmp_path).plants
+    assert c.plant is not None
+    moves, c.plant.der = c.plant.der, {}
+    assert problem._plant_kind(c) == "flow"
+    c.plant.next = moves
+    assert problem._plant_kind(c) == "map"
+    c.plant.der = moves
     with pytest.raises(NotRecheckedError, match="flows and maps"):
-        problem._plant_kind(of(der=[1], moves=[1]))
+        problem._plant_kind(c)
+    c.plant.next = {}
+    assert problem._plant_kind(c) == "flow"
+    c.plant.extern = True
     with pytest.raises(NotRecheckedError, match="extern"):
-        problem._plant_kind(of(extern=True, der=[1]))
+        problem._plant_kind(c)
 
 
 def test_a_parameter_has_all_values_of_its_type() -> None:
@@ -470,7 +473,7 @@ def test_an_open_end_is_said(facts: Facts) -> None:
 def test_commands_that_act_together_are_said(facts: Facts) -> None:
     own = copy.copy(facts)
     for jitter, count, rest in itertools.product((0, 5), (1, 2), (None, "rest")):
-        own.own = SimpleNamespace(jitter=jitter)  # type: ignore[assignment]
+        own.own = dataclasses.replace(facts.own, jitter=jitter)
         own.times = {**facts.times, "j_ns": jitter}
         own.controls = facts.controls * count
         own.flying_module = copy.copy(facts.flying_module)

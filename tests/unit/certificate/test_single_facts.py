@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
-import dataclasses
-import itertools
-from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
 from soter.certificate.cell_sets import Grid
-from soter.certificate.extras.estimates_and_shield import compare_table
-from soter.certificate.grid.grid_group import GridCheck, GridGroup
+from soter.certificate.grid.grid_group import GridCheck
+from soter.certificate.grid.group_claims import GroupTables
 from soter.certificate.grid.sc_chains import uncrossed_ends
-from soter.certificate.reading import case_model, problem, supported_constructs
-from soter.certificate.reading.case_model import CaseModel
+from soter.certificate.reading import problem
+from soter.certificate.reading.case_model import CaseModel, control_inputs
 from soter.certificate.reading.linear_flows import has_linear_rates, linear_flow
+from soter.certificate.reading.module_facts import Input
 from soter.certificate.reading.supported_constructs import require_supported
-from soter.certificate.report import NotRecheckedError, RejectedError
+from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.linear_enclosures import ZERO
+from soter.language.model.system import InputDrive
 from soter.language.model.tree_walk import nodes
-from soter.language.model.typed import AgeRead, Variable
-from soter.language.model.types import FLOAT, IntType, ListType, RecordType
-from unit.certificate.test_single_refusals import facts_of
+from soter.language.model.typed import AgeRead
+from unit.certificate.test_single_refusals import OTHER, facts_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -44,8 +42,20 @@ def test_ages_are_left_out_of_ttf(tmp_path: Path) -> None:
         assert any(isinstance(n, AgeRead) for n in nodes([of])) is known
 
 
-def test_of_a_map_no_end_is_known_not_to_be_crossed() -> None:
-    model: Any = SimpleNamespace(facts=SimpleNamespace(kind="map"))
+MAP = (
+    ("der p = u;", "next p = 0.5 * p + 0.0 * u;"),
+    ("der q = -q;", "next q = -q;"),
+    ("plant P period 10ms", "plant P period 20ms"),
+    ("plant Q period 10ms", "plant Q period 20ms"),
+    ("topic x: float max_age 20ms", "topic x: float max_age 15ms"),
+    ("topic y: float max_age 20ms", "topic y: float max_age 15ms"),
+)
+
+
+def test_of_a_map_no_end_is_known_not_to_be_crossed(tmp_path: Path) -> None:
+    """A map jumps: the sign of a number at an end says nothing of it."""
+    model = CaseModel(facts_of(tmp_path, *MAP), (), ((-3.0, 3.0), (-1.0, 1.0)))
+    assert model.facts.kind == "map"
     assert uncrossed_ends(model, [0, 1]) == [(False, False)] * 2
 
 
@@ -73,20 +83,31 @@ def test_a_module_that_never_decides_is_refused(tmp_path: Path) -> None:
         require_supported(facts)
 
 
-def test_a_plant_that_reads_what_nobody_commands(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(case_model, "topics_of_others", lambda *_: [])
-    topic = SimpleNamespace(name="u", type=None)
-    model: Any = SimpleNamespace(facts=SimpleNamespace(module=None, controls=[]))
-    plant = SimpleNamespace(reads=[topic])
-    c: Any = SimpleNamespace(name="P", plant=plant, scope=SimpleNamespace(topics={}))
-    with pytest.raises(NotRecheckedError, match="no output of the module"):
-        CaseModel._commands_to_plant(model, c, [])
+def test_a_plant_that_reads_what_nobody_commands(tmp_path: Path) -> None:
+    """Nor does it move the plant: else it is a disturbance."""
+    wind = ("topic u:", "input topic wind: float in [0.0, 1.0] = 0.0;\ntopic u:")
+    reads = ("plant Q period 10ms {", "plant Q period 10ms { reads wind;")
+    for moved, fine in (("-q + wind", True), ("-q", False)):
+        facts = facts_of(tmp_path, wind, reads, ("der q = -q;", f"der q = {moved};"))
+        model = CaseModel(facts, (), ((-3.0, 3.0), (-1.0, 1.0)))
+        terms, states = model.new_terms()
+        controls = control_inputs(facts, terms)
+        if fine:
+            model.rates(terms, states, controls)
+        else:
+            with pytest.raises(NotRecheckedError, match="`wind`, which is no output of the module"):
+                model.rates(terms, states, controls)
 
 
-def test_an_axis_names_one_state_or_none() -> None:
-    axis: Any = SimpleNamespace(topic=None, instance="c", path=("x",))
-    for names, found in ((["c.x", "c.y"], 0), (["a.x"], None), (["a.c.x", "b.c.x"], None)):
-        facts: Any = SimpleNamespace(states=[SimpleNamespace(name=n) for n in names])
+def test_an_axis_names_one_state_or_none(tmp_path: Path) -> None:
+    facts = facts_of(tmp_path, ("grid x in", "grid p.p in"))
+    axis = facts.symbol.verify.groups[0].axes[0]
+    assert axis.topic is None
+    for names, found in (
+        (["p.p", "p.q"], 0), (["p.q", "a.p.p"], 1), (["a.p"], None), (["ap.p"], None),
+        (["a.p.p", "b.p.p"], None),
+    ):  # fmt: skip
+        facts.states = [Input("state", name, 0, 0, 0.0, 1.0) for name in names]
         assert problem._state_of_axis(facts, axis) == found
 
 
@@ -130,24 +151,30 @@ def test_an_end_is_not_crossed_where_the_flow_leads_in(
     assert uncrossed_ends(model, [index]) == [ends]
 
 
-def test_a_chain_sees_the_rates_of_what_it_follows(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(
-        "soter.certificate.grid.grid_group.has_linear_rates", lambda model, _: model
-    )
-    for kept, linear in itertools.product((True, False), repeat=2):
-        check: Any = SimpleNamespace(kept=kept, model=linear, tables=SimpleNamespace(states=(0,)))
-        assert GridCheck.shows_rates_defined.fget(check) == (not kept and not linear)  # type: ignore[attr-defined]
+@pytest.mark.parametrize(
+    ("rate", "shows"), [("-q", False), ("q", False), ("-q * q * q", False), ("q * q * q", True)]
+)
+def test_a_chain_sees_the_rates_of_what_it_follows(tmp_path: Path, rate: str, shows: bool) -> None:
+    """It follows a flow that is not linear, where a run may leave the grid."""
+    facts = facts_of(tmp_path, ("der q = -q;", f"der q = {rate};"))
+    model = CaseModel(facts, (), ((-3.0, 3.0), (-1.0, 1.0)))
+    (index,) = (i for i, s in enumerate(facts.states) if s.name == "q.q")
+    group = GroupTables((index,), Grid(((-1.0, 1.0),)), np.ones(1, dtype=np.uint8))
+    assert GridCheck(model, group, None).shows_rates_defined is shows
 
 
 def test_what_others_publish_has_a_value_set(tmp_path: Path) -> None:
-    facts: Any = facts_of(tmp_path)
-    (index,) = facts.module.outputs
-    assert list(problem._leaves_of(facts, index, "other"))
-    topics = list(facts.system.topics)
-    topics[index] = dataclasses.replace(topics[index], bounds=(None,))
-    facts = SimpleNamespace(system=SimpleNamespace(topics=topics))
-    with pytest.raises(NotRecheckedError, match="no value set"):
-        list(problem._leaves_of(facts, index, "other"))
+    for values, fine in ((" in [-0.5, 0.5]", True), ("", False)):
+        pairs = (
+            ("topic u:", f"input topic wish: float{values} = 0.0 max_age 9s;\ntopic u:"),
+            ("subscribes x, y;", "subscribes x, y, wish;"),
+            ("clamp(-x,", "clamp(wish - x,"),
+        )
+        if fine:
+            facts_of(tmp_path, *pairs)
+        else:
+            with pytest.raises(NotRecheckedError, match="`wish` has no value set"):
+                facts_of(tmp_path, *pairs)
 
 
 def test_a_flow_that_is_not_linear_is_not_solved_at_once(tmp_path: Path) -> None:
@@ -164,73 +191,24 @@ def test_a_flow_that_is_not_linear_is_not_solved_at_once(tmp_path: Path) -> None
                 linear_flow(model, [index])
 
 
-@pytest.mark.parametrize("there", ["", "R", "Q", "W", "S", "RQWS"])
-def test_a_group_has_the_tables_that_its_entry_names(there: str) -> None:
-    core = np.ones(1, dtype=np.uint8)
-    certificate: Any = SimpleNamespace(
-        count_cells=lambda _: None,
-        number_table=lambda name, *_: core if name == "K" else f"numbers {name}",
-        set_of_cells=lambda name, _: f"bits {name}",
-    )
-    named: Any = {"S": ["S"], "W_N": "W_N"} | {n: n for n in "KRQW"}
-    entry = {n: named[n] for n in ("K", *there, *(("W_N",) if "W" in there else ()))}
-    axes: Any = SimpleNamespace(states=(0,), grid=Grid(((0.0, 1.0),)))
-    facts: Any = SimpleNamespace(at_rest=False)
-    tables: Any = GridGroup.read(certificate, facts, entry, axes).tables
-    assert tables.core is core
-    assert (tables.free, tables.home, tables.rank, tables.rank_holds) == (
-        "bits R" if "R" in there else None,
-        "numbers Q" if "Q" in there else None,
-        "numbers W" if "W" in there else None,
-        "numbers W_N" if "W" in there else None,
-    )
-    assert tables.levels == (["bits S"] if "S" in there else [])
-
-
-@pytest.mark.parametrize("state", ["p.p", "q.q"])
-def test_a_table_of_the_dm_has_the_axes_of_its_group(tmp_path: Path, state: str) -> None:
-    facts = facts_of(tmp_path)
-    (index,) = (i for i, s in enumerate(facts.states) if s.name == "p.p")
-    group = SimpleNamespace(states=(index,), grid=Grid(((0.0, 1.0),)))
-    check: Any = SimpleNamespace(tables=group)
-    axis = {"state": state, "edges": [0.0, 2.0]}
-    certificate: Any = SimpleNamespace(breakpoints=tuple)
-    why = "elsewhere" if state == "p.p" else "other axes"
-    with pytest.raises(RejectedError, match=why):
-        compare_table(certificate, facts, [check.tables], {"axes": [axis], "levels": None})
-
-
-@dataclasses.dataclass(frozen=True)
-class Named:
-    name: str
-
-
 @pytest.mark.parametrize("who", ["plant", "node", "input", "nobody"])
-def test_nobody_beside_the_module_publishes_its_outputs(who: str) -> None:
-    index = {"u": 0, "x": 1}
-    drives = [(Named("u" if who == "plant" else "x"), None)]
-    plant = SimpleNamespace(drives=drives)
-    node = SimpleNamespace(publishes=[Named("u" if who == "node" else "x")])
-
-    def component(name: str, **of: Any) -> Any:
-        topics = {t: index[t.name] for t in (drives[0][0], *node.publishes)}
-        parts = {"plant": None, "node": None, **of}
-        return SimpleNamespace(name=name, scope=SimpleNamespace(topics=topics), **parts)
-
-    sc = component("sc", node=node)
-    beside = [component("p", plant=plant), component("n", node=node), component("m")]
-    inputs = [SimpleNamespace(topic=0 if who == "input" else 1)]
-    topics = [SimpleNamespace(name=n, queue_of=None) for n in index]
-    facts: Any = SimpleNamespace(
-        flying=SimpleNamespace(components=[sc, *beside], inputs=inputs, topics=topics),
-        flying_module=SimpleNamespace(outputs=(0,), sc=0),
-        controllers=[sc],
-    )
+def test_nobody_beside_the_module_publishes_its_outputs(tmp_path: Path, who: str) -> None:
+    """No program that is checked has such a component: each is turned to the output here."""
+    node = "node Z period 20ms { subscribes y; publishes z; step { publish z = 1.0; } }"
+    beside = ("topic u:", f"topic z: float;\n{node}\ntopic u:"), ("module M;", "z: Z; module M;")
+    facts = facts_of(tmp_path, *beside)
+    (output,) = facts.flying_module.outputs
+    if who == "input":
+        facts.flying.inputs = (InputDrive(output, 20_000_000),)
+    elif who != "nobody":
+        name = {"plant": "q", "node": "z"}[who]
+        (component,) = (c for c in facts.flying.components if c.name == name)
+        component.scope.topics[component.published[0]] = output
     if who == "nobody":
-        supported_constructs._require_own_topics(facts)
+        require_supported(facts)
     else:
         with pytest.raises(NotRecheckedError, match=r"alone|input"):
-            supported_constructs._require_own_topics(facts)
+            require_supported(facts)
 
 
 def test_an_axis_goes_as_far_as_it_is_open(tmp_path: Path) -> None:
@@ -282,11 +260,6 @@ def test_what_is_read_and_no_plant_drives_is_an_input(tmp_path: Path) -> None:
 
 KEPT = "var k: int in [1, 3] = 2; var far: bool = false;"
 SLOW = "node Slow period 20ms { subscribes x, y; publishes u;"
-OTHER = """topic w: float in [-1.0, 1.0];
-node Quick period 20ms { subscribes x; publishes w; step { publish w = 1.0; } }
-node Calm period 20ms { subscribes x; publishes w; step { publish w = 0.0; } }
-rta N { ac Quick; sc Calm; period 20ms; safe x < 3.0; ttf x > 2.0; safer x < 1.0; }
-"""
 
 
 @pytest.mark.parametrize(
@@ -320,44 +293,33 @@ def test_a_command_is_any_of_those_of_all_locals_and_modes(
 
 @pytest.mark.parametrize("real", [None, (-1.0, 0.25), (3.0, 2.0)])
 def test_a_run_starts_as_is_declared_and_where_what_flies_is(
-    monkeypatch: pytest.MonkeyPatch, real: tuple[float, float] | None
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, real: tuple[float, float] | None
 ) -> None:
     """A state that is drawn, and one that begins at a number; whether each moves is the plant's."""
-    pairs = zip("abc", (FLOAT, FLOAT, IntType(1, 3)), strict=True)
-    states = [Variable(n, of, "state", NO_SPAN) for n, of in pairs]
-    begun = None if real is None else (*real, 2)
-    monkeypatch.setattr("soter.certificate.extras.views.states_at_start", lambda *_: begun)
-    plant = SimpleNamespace(states=states, der={states[0]: 1}, next={})
-    c: Any = SimpleNamespace(
-        name="p", index=4, plant=plant, initial=(0.875, 1.0, 3),
-        initial_range=((-0.25, 0.75), None, None),
-    )  # fmt: skip
-    abstracts = None if real is None else "Vehicle"
-    symbol = SimpleNamespace(verify=SimpleNamespace(abstracts=abstracts))
-    facts: Any = SimpleNamespace(states=[], parameters=[], symbol=symbol)
-    problem._read_states(facts, c)
+    states = "state q: float in [-0.25, 0.75]; state b: float = 1.0; state c: int in [1, 3] = 3;"
+    facts = facts_of(tmp_path, ("state q: float;", states))
+    c = next(c for c in facts.plants if c.name == "q")
+    assert c.plant is not None
+    if real is not None:
+        monkeypatch.setattr("soter.certificate.extras.views.states_at_start", lambda *_: (*real, 2))
+        facts.symbol.verify.abstracts = facts.symbol.verify.groups  # type: ignore[assignment]
+        facts.states, facts.parameters = [], []
+        problem._read_states(facts, c)
     ends = [(-0.25, 0.75), (1.0, 1.0)]
     if real is not None:
         ends = [(min(a, x), max(b, x)) for (a, b), x in zip(ends, real, strict=True)]
-    assert [(s.low, s.high) for s in facts.states] == ends
+    assert [(s.low, s.high) for s in facts.states if s.name.startswith("q.")] == ends
     (parameter,) = facts.parameters
     assert (parameter.values, parameter.begins) == ((1, 2, 3), (3, 3 if real is None else 2))
     for moves in ("der", "next"):
-        plant.der, plant.next = {}, {}
-        setattr(plant, moves, {states[2]: 1})
-        with pytest.raises(NotRecheckedError, match=r"the state `p\.c` moves and is no float"):
+        c.plant.der, c.plant.next = {}, {}
+        setattr(c.plant, moves, {c.plant.states[2]: c.plant.drives[0][1]})
+        with pytest.raises(NotRecheckedError, match=r"the state `q\.c` moves and is no float"):
             problem._read_states(facts, c)
 
 
-def test_a_list_is_no_state_that_is_followed() -> None:
-    of = RecordType((("few", ListType(FLOAT, 3)), ("x", FLOAT)))
-    state = Variable("s", of, "state", NO_SPAN)
-    plant = SimpleNamespace(states=[state], der={}, next={})
-    c: Any = SimpleNamespace(
-        name="p", index=0, plant=plant, initial=(((), 1.0),), initial_range=(None,)
-    )
-    facts: Any = SimpleNamespace(
-        states=[], parameters=[], symbol=SimpleNamespace(verify=SimpleNamespace(abstracts=()))
-    )
-    with pytest.raises(NotRecheckedError, match="a list in the state `s`"):
-        problem._read_states(facts, c)
+def test_a_list_is_no_state_that_is_followed(tmp_path: Path) -> None:
+    few = "type Few = { few: float[<=3], x: float };\ntopic u:"
+    started = "state q: float; state few: Few = { few: [], x: 1.0 };"
+    with pytest.raises(NotRecheckedError, match="a list in the state `few`"):
+        facts_of(tmp_path, ("topic u:", few), ("state q: float;", started))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import itertools
 import os
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -12,6 +11,7 @@ import numpy as np
 import pytest
 from bench.recheck.small_modules import PROGRAMS
 
+from generators.handover_program import of_walls
 from soter.certificate import rechecker, scope
 from soter.certificate.case_check import (
     CaseCheck,
@@ -19,23 +19,36 @@ from soter.certificate.case_check import (
     check_module_claims,
     check_static_claims,
 )
-from soter.certificate.cell_sets import Cells, Grid
+from soter.certificate.cell_sets import Grid
 from soter.certificate.grid.grid_group import GridCheck, GridGroup
+from soter.certificate.grid.group_claims import GroupTables
 from soter.certificate.reading import folder as folders
+from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.folder import FORMAT, canonical_json, read_certificate
-from soter.certificate.report import NotRecheckedError, RejectedError
+from soter.certificate.reading.problem import read_facts
+from soter.certificate.report import REJECTED, NotRecheckedError, RejectedError
 from soter.certificate.terms.compile_terms import AffineForms
 from soter.certificate.terms.linear_enclosures import ZERO, exact, lower, upper
 from soter.certificate.terms.terms import Linear, Terms
+from soter.language.front_end import check_file, system_to_prove
 from unit.certificate import small_proofs
 from unit.certificate.test_one_instant import TEXT
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
     from soter.certificate.reading.module_facts import Facts
 
+    Change = Callable[[Callable[[dict[str, Any]], None]], Path]
+
 arb = type(ZERO)
+OTHER = """topic w: float in [-1.0, 1.0];
+node Quick period 20ms { subscribes x; publishes w; step { publish w = 1.0; } }
+node Calm period 20ms { subscribes x; publishes w; step { publish w = 0.0; } }
+rta N { ac Quick; sc Calm; period 20ms; safe x < 3.0; ttf x > 2.0; safer x < 1.0; }
+"""
+"""A second module, whose mode others may read."""
 
 
 def facts_of(folder: Path, *pairs: tuple[str, str]) -> Facts:
@@ -88,58 +101,31 @@ def test_as_many_cells_as_are_looked_at(monkeypatch: pytest.MonkeyPatch, tmp_pat
         certificate.count_cells((1,))
 
 
-@pytest.mark.parametrize("modules", [[], {}, None])
-def test_a_manifest_without_modules_is_rejected(modules: object) -> None:
-    manifest = dict.fromkeys(folders.MANIFEST_KEYS.split(), "") | {"modules": modules}
-    certificate: Any = SimpleNamespace(manifest=manifest)
-    report: Any = SimpleNamespace(program="")
-    with pytest.raises(RejectedError, match="no modules"):
-        rechecker._check_certificate(certificate, report, 1)
+@pytest.mark.parametrize("modules", [[], {}, None, {"M": 1}])
+def test_a_manifest_without_modules_is_rejected(changed: Change, modules: object) -> None:
+    report = rechecker.recheck(changed(lambda manifest: manifest.update(modules=modules)))
+    assert (report.verdict, report.reason) == (REJECTED, "the manifest has no modules")
 
 
 # ---------------------------------------------------------------- claims
 
 
-def claimed(
-    monkeypatch: pytest.MonkeyPatch,
-    p1c: str,
-    horizon: int,
-    least: int,
-    start: int = 0,
-    seen: str = "",
-    **more: str,
-) -> None:
-    monkeypatch.setattr("soter.certificate.case_check.check_module_claims", lambda *_: None)
-    monkeypatch.setattr("soter.certificate.case_check.p1c_verdict", lambda _: "assumed")
-    by_dm, by_sc = ([SimpleNamespace(name=n) for n in names] for names in (seen, "xy"))
-    setting = SimpleNamespace(by_dm=by_dm, by_sc=by_sc)
-    times = {"H_ns": horizon, "H_star_ns": least}
-    facts: Any = SimpleNamespace(
-        times=times,
-        setting=setting,
-        start_ns=start,
-        flying=None,
-        flying_module=None,
-    )
-    check_static_claims(facts, {"P1c": p1c, **more})
-
-
-def controllers(
-    ac: str = "u", sc: str = "u", outputs: str = "u", periods: tuple[int, int] = (1, 1)
-) -> tuple[Any, Any]:
-    """A system and a module of period 5 in it: what its controllers publish, and how often."""
-    components = [
-        SimpleNamespace(node=object(), writes=[ord(n) for n in names], period_ns=period)
-        for names, period in zip((ac, sc), periods, strict=True)
-    ]
-    symbol, topics = SimpleNamespace(latch=None), [ord(n) for n in outputs]
-    module = SimpleNamespace(ac=0, sc=1, period_ns=5, outputs=topics, symbol=symbol)
-    return SimpleNamespace(components=components), module
+DECLARED = (
+    "verify { ",
+    "verify { late dm 0ms, sc 0ms; response dm 0ms, sc 0ms; acts within 0ms; ",
+)
+"""With these delays P1c rests on nothing else."""
+READS_Y = ("clamp(-x,", "clamp(-x - y,")
+"""With this SC reads a topic that the DM does not read."""
 
 
 @pytest.mark.parametrize("periods", [(1, 1), (5, 1), (1, 5), (6, 1), (1, 6)])
-def test_no_controller_is_slower_than_its_dm(periods: tuple[int, int]) -> None:
-    system, module = controllers(periods=periods)
+def test_no_controller_is_slower_than_its_dm(tmp_path: Path, periods: tuple[int, int]) -> None:
+    facts = facts_of(tmp_path)
+    system, module = facts.flying, facts.flying_module
+    module.period_ns = 5
+    for k, period in zip((module.ac, module.sc), periods, strict=True):
+        system.components[k].period_ns = period
     check_module_claims(system, module, {"P1a": "assumed"})
     if max(periods) <= 5:
         check_module_claims(system, module, {"P1a": "proved"})
@@ -151,17 +137,25 @@ def test_no_controller_is_slower_than_its_dm(periods: tuple[int, int]) -> None:
 @pytest.mark.parametrize(
     ("ac", "sc", "outputs", "fine"),
     [
-        ("uv", "vu", "uv", True),
-        ("u", "uv", "uv", False),
-        ("uv", "v", "uv", False),
-        ("uv", "uv", "u", False),
+        ("ux", "xu", "ux", True),
+        ("u", "ux", "ux", False),
+        ("ux", "x", "ux", False),
+        ("ux", "ux", "u", False),
         ("", "", "", False),
     ],
 )
 def test_both_controllers_publish_all_outputs_and_no_others(
-    ac: str, sc: str, outputs: str, fine: bool
+    tmp_path: Path, ac: str, sc: str, outputs: str, fine: bool
 ) -> None:
-    system, module = controllers(ac, sc, outputs)
+    facts = facts_of(tmp_path)
+    system, module = facts.flying, facts.flying_module
+    symbols = {t.name: t.symbol for t in system.topics}
+    for k, names in ((module.ac, ac), (module.sc, sc)):
+        component = system.components[k]
+        assert component.node is not None
+        component.node.publishes = tuple(symbols[n] for n in names)
+        component.scope.topics |= {t.symbol: t.index for t in system.topics}
+    module.outputs = tuple(t.index for n in outputs for t in system.topics if t.name == n)
     check_module_claims(system, module, {"P1b": "assumed"})
     if fine:
         check_module_claims(system, module, {"P1b": "proved"})
@@ -170,65 +164,50 @@ def test_both_controllers_publish_all_outputs_and_no_others(
             check_module_claims(system, module, {"P1b": "proved"})
 
 
-def test_what_sc_alone_reads_is_there_within_the_horizon(monkeypatch: pytest.MonkeyPatch) -> None:
-    for start, seen in ((5, "x"), (4, ""), (6, "xy")):
-        claimed(monkeypatch, "assumed", 5, 5, start=start, seen=seen)
-    with pytest.raises(RejectedError, match="`y`, which the DM does not read"):
-        claimed(monkeypatch, "assumed", 5, 5, start=6, seen="x")
+def test_what_sc_alone_reads_is_there_within_the_horizon(tmp_path: Path) -> None:
+    reads_both = ("ttf abs(x) > 2.0", "ttf abs(x) + abs(y) > 2.0")
+    for pairs, blind in (([READS_Y], True), ([READS_Y, reads_both], False), ([], False)):
+        facts = facts_of(tmp_path, *pairs)
+        horizon = facts.times["H_ns"]
+        for start in (horizon - 1, horizon, horizon + 1):
+            facts.times["h0_ns"] = start
+            if blind and start > horizon:
+                with pytest.raises(RejectedError, match="`y`, which the DM does not read"):
+                    check_static_claims(facts, {"P1c": "assumed"})
+            else:
+                check_static_claims(facts, {"P1c": "assumed"})
 
 
-def test_a_horizon_is_long_enough_from_h_star_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    for horizon in (5, 6):
-        claimed(monkeypatch, "assumed", horizon, 5)
+def test_a_horizon_is_long_enough_from_h_star_on(tmp_path: Path) -> None:
+    facts = facts_of(tmp_path)
+    least = facts.times["H_star_ns"]
+    for horizon in (least, least + 1):
+        facts.times["H_ns"] = horizon
+        check_static_claims(facts, {"P1c": "assumed"})
+    facts.times["H_ns"] = least - 1
     with pytest.raises(RejectedError, match="shorter"):
-        claimed(monkeypatch, "assumed", 4, 5)
-    claimed(monkeypatch, "undecided", 4, 5)
-    with pytest.raises(RejectedError, match="P1c"):
-        claimed(monkeypatch, "proved", 5, 5)
+        check_static_claims(facts, {"P1c": "assumed"})
+    check_static_claims(facts, {"P1c": "undecided"})
 
 
-@pytest.mark.parametrize("lawful", [None, [True, True, False]])
-@pytest.mark.parametrize("left", [True, False])
-def test_k_holds_no_cell_on_which_safe_is_not_certain(
-    left: bool, lawful: list[bool] | None, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Also where no run leaves K."""
-    monkeypatch.setattr("soter.certificate.grid.grid_group.block_tasks", lambda *_: ["asked"])
-    grid = Grid(((0.0, 1.0, 2.0, 3.0),))
-    for members, allowed in itertools.product(itertools.product((False, True), repeat=3), repeat=2):
-        check: Any = SimpleNamespace(
-            grid=grid,
-            kernel=Cells(grid, np.array(members)),
-            allowed=np.array(allowed),
-            lawful=None if lawful is None else Cells(grid, np.array(lawful)),
-            chains=None,
-            tables=SimpleNamespace(core=None),
-            are_never_left=lambda _: not left,
-        )
-        certain = [
-            a and (lawful is None or b) for a, b in zip(allowed, lawful or allowed, strict=True)
-        ]
-        if all(c or not m for m, c in zip(members, certain, strict=True)):
-            asked: list[Any] = list(GridCheck.core_tasks(check))
-            assert asked == (["asked"] if left else [])
+KEPT_NUMBER = ("state q: float;", "state q: float; state gear: int in [2, 4] = 3;")
+
+
+def test_a_start_is_asked_with_the_values_with_which_runs_start(tmp_path: Path) -> None:
+    """K is empty here: whoever asks finds a start that leaves it."""
+    facts = facts_of(tmp_path, KEPT_NUMBER)
+    (parameter,) = facts.parameters
+    assert (parameter.values, parameter.begins) == ((2, 3, 4), (3, 3))
+    tables = GroupTables((0, 1), Grid(((-3.0, 3.0), (-1.0, 1.0))), np.zeros((1, 1), dtype=np.uint8))
+    for value in parameter.values:
+        model = CaseModel(facts, (value,), ((-3.0, 3.0), (-1.0, 1.0)))
+        case = CaseCheck(model, [GridGroup(tables)], {"start"}, {}, 1)
+        case.checks = [GridCheck(model, tables, None)]
+        if value == 3:
+            with pytest.raises(RejectedError, match="an initial state may leave K"):
+                case._add_start_tasks()
         else:
-            with pytest.raises(RejectedError, match="not certain"):
-                GridCheck.core_tasks(check)
-
-
-@pytest.mark.parametrize(("begins", "asked"), [((2.0, 3.0), True), ((3.0,), False)])
-def test_a_start_is_asked_with_the_values_with_which_runs_start(
-    begins: tuple[float, ...], asked: bool
-) -> None:
-    facts = SimpleNamespace(parameters=[SimpleNamespace(begins=begins)], controls=[], start_ns=7)
-    starts: list[int] = []
-    case: Any = SimpleNamespace(
-        model=SimpleNamespace(facts=facts, parameter=(2.0,)),
-        checks=[SimpleNamespace(start_tasks=starts.append)],
-        _add_tasks=list,
-    )
-    CaseCheck._add_start_tasks(case)
-    assert starts == ([7] if asked else [])
+            case._add_start_tasks()
 
 
 @pytest.mark.parametrize("law", [None, "a law"])
@@ -254,31 +233,6 @@ def test_each_case_is_held_to_the_law(monkeypatch: pytest.MonkeyPatch, law: str 
 # ---------------------------------------------------------------- what is said
 
 
-@pytest.mark.parametrize("kept", [None, False, True])
-@pytest.mark.parametrize("given", [None, False, True])
-def test_ac_never_has_control_where_the_table_gives_it_nowhere(
-    kept: bool | None, given: bool | None
-) -> None:
-    levels = () if kept is None else (np.array([False, kept]),)
-    tables = SimpleNamespace(
-        given_back=None if given is None else np.array([given, False]), levels=levels
-    )
-    group: Any = SimpleNamespace(tables=tables)
-    says = GridGroup.why_ac_never.fget(group)  # type: ignore[attr-defined]
-    assert ("gives it back on no estimate" in says) == (given is False)
-    assert ("leaves it in control on no estimate" in says) == (kept is False and given is not False)
-
-
-def test_states_are_drawn_in_cells_of_k() -> None:
-    grid = Grid(((0.0, 1.0, 2.0, 3.0),))
-    tables = SimpleNamespace(grid=grid, core=np.array([0, 3, 1]))
-    group: Any = SimpleNamespace(tables=tables, states=(0,))
-    draws = GridGroup.random_points(group, np.random.default_rng(5))
-    values = [next(draws)[0] for _ in range(60)]
-    assert all(1.0 <= v <= 3.0 for v in values)
-    assert min(values) < 2.0 < max(values)
-
-
 def test_only_of_a_flow_sensors_are_said_to_be_on_time(tmp_path: Path) -> None:
     (tmp_path / "map.soter").write_text(PROGRAMS["steps"])
     for facts, flow in (
@@ -289,24 +243,22 @@ def test_only_of_a_flow_sensors_are_said_to_be_on_time(tmp_path: Path) -> None:
         assert ("sensors on time" in said, "one instant" in said) == (flow, not flow)
 
 
-def test_what_a_view_rests_on_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    facts = facts_of(tmp_path)
-    monkeypatch.setattr(
-        "soter.certificate.extras.handovers.jump_assumptions", lambda *_: [("key", "text")]
-    )
-    for view in (None, "a view"):
-        facts.view = view  # type: ignore[assignment]
-        said = [a.key for a in scope.assumptions_of(facts)]
-        assert ("key" in said) == (view is not None)
+def test_what_a_view_rests_on_is_said(tmp_path: Path) -> None:
+    path = tmp_path / "boxes.soter"
+    path.write_text(of_walls())
+    checked = check_file(str(path))
+    (name,) = checked.systems
+    facts = read_facts(system_to_prove(checked, name), "Keep", "left")
+    for facts.view in ("left", ""):
+        jumps = [a.key for a in scope.assumptions_of(facts) if a.key.startswith("jumps ")]
+        assert bool(jumps) is bool(facts.view)
 
 
-def test_what_is_assumed_of_modes_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    of = "soter.certificate.extras.sc_locals_and_modes.mode_assumptions"
-    monkeypatch.setattr(of, lambda *_: [("key", "text")])
-    facts = facts_of(tmp_path)
-    for modes in ((), ("a mode",)):
-        monkeypatch.setattr(type(facts), "modes", modes)
-        assert ("key" in [a.key for a in scope.assumptions_of(facts)]) == bool(modes)
+def test_what_is_assumed_of_modes_is_said(tmp_path: Path) -> None:
+    for law, said in (("-x", False), ("(mode(N) == Mode.AC ? 0.5 : -x)", True)):
+        modules = ("topic u:", f"{OTHER}topic u:"), ("module M;", "module M; module N;")
+        facts = facts_of(tmp_path, *modules, ("clamp(-x,", f"clamp({law},"))
+        assert ("mode N" in [a.key for a in scope.assumptions_of(facts)]) is said
 
 
 # ---------------------------------------------------------------- numbers

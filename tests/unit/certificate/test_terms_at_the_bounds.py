@@ -21,7 +21,7 @@ from soter.certificate.extras.sc_locals_and_modes import any_alternative
 from soter.certificate.grid.chain_form_layout import FormLayout
 from soter.certificate.grid.group_claims import ChainCheck, half_of_form
 from soter.certificate.reading import supported_constructs
-from soter.certificate.reading.folder import _parameter_values
+from soter.certificate.reading.folder import Certificate, _parameter_values
 from soter.certificate.reading.symbolic_operations import Operations
 from soter.certificate.reading.symbolic_reading import CallFrame, Surroundings, SymbolicReader
 from soter.certificate.reading.symbolic_values import Rows
@@ -387,7 +387,7 @@ def test_a_parameter_that_the_program_does_not_have_is_rejected(tmp_path: Path) 
     checked = check_file(str(_written(tmp_path, f"{PROGRAMS['written']}\nparam of: float = 1.0;")))
     assert checked.program is not None, checked.diagnostics
     for name, fine in (("of", True), ("S.nowhere.of", False), ("other", False)):
-        given: Any = SimpleNamespace(manifest={"params": {name: (2.0).hex()}})
+        given = Certificate(tmp_path, {"params": {name: (2.0).hex()}}, {}, set())
         if fine:
             assert _parameter_values(given, checked.program) == {name: 2.0}
         else:
@@ -405,7 +405,7 @@ def test_as_many_cases_as_are_gone_through(
     monkeypatch.setattr(rechecker, "check_static_claims", lambda *_: None)
     entry = {"claims": {"P2a": "proved"}, "cases": []}
     with pytest.raises(RejectedError if fine else NotRecheckedError, match="combinations"):
-        rechecker.read_claims(SimpleNamespace(), facts, entry)  # type: ignore[arg-type]
+        rechecker.read_claims(Certificate(tmp_path, {}, {}, set()), facts, entry)
 
 
 def test_a_module_has_tables_where_its_predicates_are_computed_and_else_none(
@@ -422,4 +422,4 @@ def test_a_module_has_tables_where_its_predicates_are_computed_and_else_none(
     case: Any = {"parameter": [], "groups": []}
     entry: Any = {"claims": {"P2a": "proved"}, "cases": [case], "tables": []}
     with pytest.raises(RejectedError, match="has tables of its DM"):
-        rechecker.read_claims(SimpleNamespace(), facts, entry)  # type: ignore[arg-type]
+        rechecker.read_claims(Certificate(tmp_path, {}, {}, set()), facts, entry)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from functools import partial
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -10,21 +11,25 @@ import pytest
 
 from soter.certificate import case_check, rechecker
 from soter.certificate.case_check import CaseCheck, narrowed_extents
+from soter.certificate.cell_sets import Axes, Grid
 from soter.certificate.extras import left_out_states, sc_locals_and_modes
+from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.report import (
     NotRecheckedError,
     RejectedError,
 )
 from soter.diagnostics.current_phase import telling_shares
 from tables import all_rows
+from unit.certificate.test_single_refusals import facts_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
 
 def test_ranges_are_those_of_the_grids() -> None:
-    def part(states: tuple[int, ...], *edges: tuple[float, ...]) -> Any:
-        return SimpleNamespace(states=states, grid=SimpleNamespace(edges=edges))
+    def part(states: tuple[int, ...], *edges: tuple[float, ...]) -> Axes:
+        return Axes(states, Grid(edges))
 
     extents = ((0.0, 1.0), (2.0, 3.0), (4.0, 5.0))
     assert narrowed_extents(extents, []) == extents
@@ -156,23 +161,19 @@ def test_the_time_to_return_is_the_longest_way(
 
 
 @pytest.mark.parametrize("default", [-2.0, -1.0, 0.5, 2.0, 2.5])
-def test_the_default_of_a_command_lies_in_its_set(default: float) -> None:
-    topics = [SimpleNamespace(default=(9.0, default))]
-    control = SimpleNamespace(low=-1.0, high=2.0, owner=0, leaf=1, name="u")
-    facts = SimpleNamespace(
-        parameters=[],
-        controls=[control],
-        start_ns=7,
-        system=SimpleNamespace(topics=topics),
-    )
-    made: Any = SimpleNamespace(
-        model=SimpleNamespace(facts=facts, parameter=()), checks=[], _add_tasks=list
-    )
+def test_the_default_of_a_command_lies_in_its_set(tmp_path: Path, default: float) -> None:
+    push = ("topic u: float in [-1.0, 1.0];", "topic u: float in [-1.0, 2.0] = 0.5;")
+    facts = facts_of(tmp_path, push)
+    (control,) = facts.controls
+    facts.controls = [dataclasses.replace(control, leaf=1)]
+    facts.system.topics[control.owner].default = (9.0, default)
+    model = CaseModel(facts, (), ((-3.0, 3.0), (-1.0, 1.0)))
+    made = CaseCheck(model, [], {"start"}, {}, 1)
     if -1.0 <= default <= 2.0:
-        CaseCheck._add_start_tasks(made)
+        made._add_start_tasks()
     else:
         with pytest.raises(RejectedError, match="the default of `u`"):
-            CaseCheck._add_start_tasks(made)
+            made._add_start_tasks()
 
 
 @pytest.mark.parametrize("fork", [False, True])

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import itertools
-from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from soter.certificate import case_check
-from soter.certificate.case_check import CLAIMS, VERDICTS, check_module_claims, proved_claims
+from soter.certificate.case_check import (
+    CLAIMS,
+    VERDICTS,
+    check_module_claims,
+    check_static_claims,
+    proved_claims,
+)
 from soter.certificate.extras import maps
 from soter.certificate.reading import (
     case_model,
@@ -22,18 +28,22 @@ from soter.certificate.reading import (
 from soter.certificate.reading.case_model import command_term
 from soter.certificate.reading.derived_times import Clock, Effect, TopicPath
 from soter.certificate.reading.module_times import DECLARED_KEYS, TIME_KEYS, compare_times
+from soter.certificate.reading.supported_constructs import require_supported
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.terms import Terms
+from soter.language.front_end import check_file, system_to_prove
 from soter.language.model import typed as t
 from tables import all_rows
+from unit.certificate.test_one_instant import TEXT as TWO
 from unit.certificate.test_problem_by_definition import facts_with, model_of
 from unit.certificate.test_reading_by_evaluation import holds
-from unit.certificate.test_single_refusals import claimed, controllers
+from unit.certificate.test_single_refusals import DECLARED, OTHER, READS_Y, facts_of
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from soter.certificate.reading.module_facts import Facts
+    from soter.language.model.system import System
 
 
 # ---------------------------------------------------------------- claims
@@ -60,13 +70,13 @@ def test_only_what_is_proved_is_claimed(verdict: Any) -> None:
             proved_claims(wrong)
 
 
-@pytest.mark.parametrize("latch", [None, "never", "acknowledged"])
-def test_a_dm_that_never_gives_back_does_not_return(latch: str | None) -> None:
-    topic = None if latch == "never" else "topic"
-    system, module = controllers()
-    module.symbol = SimpleNamespace(latch=None if latch is None else SimpleNamespace(topic=topic))
+@pytest.mark.parametrize("returns", ["", "returns never;", "returns after button;"])
+def test_a_dm_that_never_gives_back_does_not_return(tmp_path: Path, returns: str) -> None:
+    button = ("topic u:", "input topic button: bool = false max_age 9s;\ntopic u:")
+    facts = facts_of(tmp_path, button, ("safer abs(x) < 1.0;", f"safer abs(x) < 1.0; {returns}"))
+    system, module = facts.flying, facts.flying_module
     check_module_claims(system, module, {"P2b": "assumed"})
-    if latch == "never":
+    if "never" in returns:
         with pytest.raises(RejectedError, match="P2b"):
             check_module_claims(system, module, {"P2b": "proved"})
     else:
@@ -74,54 +84,50 @@ def test_a_dm_that_never_gives_back_does_not_return(latch: str | None) -> None:
 
 
 @pytest.mark.parametrize("rests", ["proved", "assumed"])
-def test_p1c_is_what_its_times_are(monkeypatch: pytest.MonkeyPatch, rests: str) -> None:
-    monkeypatch.setattr(case_check, "check_module_claims", lambda *_: None)
-    monkeypatch.setattr(case_check, "p1c_verdict", lambda _: rests)
-    facts: Any = SimpleNamespace(
-        times={"H_ns": 5, "H_star_ns": 5},
-        setting=SimpleNamespace(by_dm=[], by_sc=[]),
-        start_ns=9,
-        flying=None,
-        flying_module=None,
-    )
+def test_p1c_is_what_its_times_are(tmp_path: Path, rests: str) -> None:
+    facts = facts_of(tmp_path, *([DECLARED] if rests == "proved" else []))
     for given, back in itertools.product(VERDICTS, VERDICTS):
         said = {"P1c": given, "P2b": back}
         if given == "proved" and rests == "assumed":
             with pytest.raises(RejectedError, match="it is assumed"):
-                case_check.check_static_claims(facts, said)
+                check_static_claims(facts, said)
         else:
-            case_check.check_static_claims(facts, said)
-
-
-def test_what_comes_after_the_horizon_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(RejectedError, match="`x`"):
-        claimed(monkeypatch, "assumed", 5, 5, start=6, seen="")
-    claimed(monkeypatch, "assumed", 6, 5, start=6, seen="")
+            check_static_claims(facts, said)
 
 
 # ---------------------------------------------------------------- times
 
 
-def timed(horizon: object = None) -> tuple[Any, dict[str, int]]:
-    times = {key: 10 * (k + 1) for k, key in enumerate(TIME_KEYS)}
-    reads = [SimpleNamespace(max_age=7)]
-    facts = SimpleNamespace(
-        times=dict(times),
-        setting=SimpleNamespace(by_dm=reads, by_sc=reads * 2),
-        symbol=SimpleNamespace(verify=SimpleNamespace(horizon=horizon)),
-    )
-    return facts, times
+HORIZON = ("verify { ", "verify { horizon 100ms; ")
+
+
+@pytest.fixture(scope="module")
+def clocked(tmp_path_factory: pytest.TempPathFactory) -> dict[bool, Facts]:
+    """Facts without and with a declared horizon: the DM reads one topic, and SC two."""
+    folder = tmp_path_factory.mktemp("clocked")
+    return {
+        declared: facts_of(folder, READS_Y, *[HORIZON] * declared) for declared in (False, True)
+    }
+
+
+def timed(facts: Facts) -> tuple[Facts, dict[str, int]]:
+    """A copy of these facts with small times."""
+    facts = copy.copy(facts)
+    facts.times = {key: 10 * (k + 1) for k, key in enumerate(TIME_KEYS)}
+    return facts, dict(facts.times)
 
 
 @all_rows("key", TIME_KEYS)
-@all_rows("horizon", [None, "declared"])
-def test_times_are_those_of_the_program_or_longer(key: str, horizon: str | None) -> None:
-    fixed = key in DECLARED_KEYS or (key == "H_ns" and horizon is not None)
-    _, own = timed()
-    together = sum(own.values()) + 3 * 7
+@all_rows("horizon", [False, True])
+def test_times_are_those_of_the_program_or_longer(
+    clocked: dict[bool, Facts], key: str, horizon: bool
+) -> None:
+    fixed = key in DECLARED_KEYS or (key == "H_ns" and horizon)
+    _, own = timed(clocked[horizon])
+    together = sum(own.values()) + 3 * 20_000_000
     most = 4 * own[key] + together + module_times.BEYOND_NS
     for value in (own[key] - 1, own[key], own[key] + 1, most, most + 1):
-        facts, _ = timed(horizon)
+        facts, _ = timed(clocked[horizon])
         given = {**own, key: value}
         if value < own[key] or (fixed and value != own[key]):
             with pytest.raises(RejectedError, match=f"{key} is {value}"):
@@ -133,19 +139,19 @@ def test_times_are_those_of_the_program_or_longer(key: str, horizon: str | None)
             compare_times(facts, given)
             assert facts.times == given
     for wrong in (True, 10.0, "10", None):
-        facts, _ = timed()
+        facts, _ = timed(clocked[horizon])
         with pytest.raises(RejectedError, match="is no time"):
             compare_times(facts, {**own, key: wrong})
     for keys in (set(own) - {key}, {*own, "X_ns"}):
-        facts, _ = timed()
+        facts, _ = timed(clocked[horizon])
         with pytest.raises(RejectedError, match="`times` has"):
             compare_times(facts, dict.fromkeys(keys, 10))
 
 
-def test_no_window_is_claimed_that_takes_another_argument() -> None:
+def test_no_window_is_claimed_that_takes_another_argument(clocked: dict[bool, Facts]) -> None:
     """Up to half a period, as the program's own, and beyond where that is beyond."""
     for own_jitter, claimed_jitter, fine in ((5, 10, True), (5, 11, False), (11, 15, True)):
-        facts, _ = timed()
+        facts, _ = timed(clocked[False])
         facts.times["j_ns"] = own_jitter
         given = {**facts.times, "j_ns": claimed_jitter}
         assert facts.times["delta_ns"] == 20
@@ -159,166 +165,178 @@ def test_no_window_is_claimed_that_takes_another_argument() -> None:
 # ---------------------------------------------------------------- ways
 
 
-def part(
-    name: str,
-    *,
-    drives: str = "",
-    reads: str = "",
-    queue: bool = False,
-    role: str = "",
-    bare: bool = False,
-) -> Any:
-    """A plant, or a node where it has a role; topics by letters."""
-    scope = SimpleNamespace(topics={c: ord(c) for c in "abcdef"})
-    plant = node = None
-    if not role and not bare:
-        plant = SimpleNamespace(drives=[(c, None) for c in drives], reads=list(reads))
-    elif not bare:
-        subscribed = [SimpleNamespace(topic=c, queue=1 if queue else None) for c in reads]
-        node = SimpleNamespace(publishes=list(drives), subscribes=subscribed)
-    made = {"name": name, "plant": plant, "node": node, "scope": scope, "role": role}
-    writes, written = [[ord(c) for c in names] for names in (drives, reads)]
-    return SimpleNamespace(**made, period_ns=5, phase_ns=1, writes=writes, reads=written)
+def system_of(folder: Path, *pairs: tuple[str, str]) -> System:
+    text = TWO
+    for old, new in pairs:
+        assert old in text
+        text = text.replace(old, new)
+    path = folder / "two.soter"
+    path.write_text(text)
+    checked = check_file(str(path))
+    assert checked.ok, checked.diagnostics
+    return system_to_prove(checked, "S")
 
 
-def system_of(*parts: Any, queues: str = "") -> Any:
-    topics = [
-        SimpleNamespace(name=chr(k), index=k, queue_of=1 if chr(k) in queues else None)
-        for k in range(128)
-    ]
-    return SimpleNamespace(name="S", components=list(parts), topics=topics)
-
-
-def test_ways_go_straight_from_a_plant_and_to_one() -> None:
-    parts = (part("p", drives="a"), part("q", drives="ab", reads="c"), part("r"))
-    module: Any = SimpleNamespace(outputs=[ord("c")])
-    ways = derived_times.Ways(system_of(*parts), module)
-    of = [TopicPath(Clock(n, 5, 1)) for n in "pq"]
-    assert ways.ways_to(ord("a")) == tuple(of)
-    assert ways.ways_to(ord("b")) == (of[1],)
-    with pytest.raises(NotRecheckedError, match="behind `d`"):
-        ways.ways_to(ord("d"))
+def test_ways_go_straight_from_a_plant_and_to_one(tmp_path: Path) -> None:
+    system = system_of(tmp_path)
+    (module,) = system.modules
+    index = {topic.name: topic.index for topic in system.topics}
+    ways = derived_times.Ways(system, module)
+    p, q = (TopicPath(Clock(name, 10_000_000, 0)) for name in "pq")
+    assert ways.ways_to(index["y"]) == (q,)
+    of_q = next(c for c in system.components if c.name == "q").scope.topics
+    of_q[next(of for of in of_q if of.name == "y")] = index["x"]  # two plants drive it now
+    assert ways.ways_to(index["x"]) == (p, q)
+    with pytest.raises(NotRecheckedError, match="behind `y`"):
+        ways.ways_to(index["y"])
     assert ways.find_effects(2, 3) == (Effect(2, 3),)
-    for outputs in ("cd", "d"):
-        module.outputs = [ord(c) for c in outputs]
-        with pytest.raises(NotRecheckedError, match="feels `d`"):
+    for outputs in ("uy", "y"):
+        module.outputs = tuple(index[name] for name in outputs)
+        with pytest.raises(NotRecheckedError, match="feels `y`"):
             ways.find_effects(0, 0)
-    module.outputs = [ord("c")]
-    node_alone = derived_times.Ways(system_of(part("n", reads="c", role="node")), module)
-    with pytest.raises(NotRecheckedError, match="feels `c`"):
-        node_alone.find_effects(0, 0)
+    module.outputs = (index["x"],)  # which nodes read alone
+    with pytest.raises(NotRecheckedError, match="feels `x`"):
+        ways.find_effects(0, 0)
 
 
 @pytest.mark.parametrize(
-    ("of", "queues", "between"),
+    ("node", "read", "between"),
     [
-        ({"drives": "a", "reads": "c"}, "", False),  # a plant
-        ({"reads": "c", "role": "node"}, "", True),  # reads what the module publishes
-        ({"reads": "d", "role": "node"}, "", False),
-        ({"reads": "d", "role": "node"}, "d", True),  # a queue of something
-        ({"reads": "d", "role": "node", "queue": True}, "", True),
-        ({"reads": "c", "role": "sc"}, "", False),
-        ({"reads": "c", "role": "sc", "queue": True}, "", False),
-        ({"drives": "a", "role": "node"}, "", True),  # publishes what is read
-        ({"drives": "a", "role": "sc"}, "", True),
-        ({"drives": "b", "role": "node"}, "", False),
-        ({"bare": True, "role": "node"}, "", False),
+        ("", "x", False),  # plants and controllers alone
+        ("subscribes u; step { }", "x", True),  # reads what the module publishes
+        ("subscribes y; step { }", "x", False),
+        ("subscribes y queue 2; step { }", "x", True),
+        ("subscribes x; publishes z; step { publish z = 1.0; }", "z", True),
+        ("subscribes x; publishes z; step { publish z = 1.0; }", "x", False),
+        ("", "u", True),  # SC and AC publish what is read
     ],
 )
-def test_a_node_between_is_seen(of: dict[str, Any], queues: str, between: bool) -> None:
-    module: Any = SimpleNamespace(outputs=[ord("c")])
-    first = part("first", drives="e", role="dm")
-    for parts in ((first, part("p", **of)), (part("p", **of), first)):
-        system = system_of(*parts, queues=queues)
-        assert derived_times.has_nodes_between(system, module, [ord("a")]) is between
+def test_a_node_between_is_seen(tmp_path: Path, node: str, read: str, between: bool) -> None:
+    pairs = [
+        ("plant P", f"topic z: float;\nnode N period 10ms {{ {node} }}\nplant P"),
+        ("module M;", "n: N; module M;"),
+    ]
+    system = system_of(tmp_path, *pairs[: 2 if node else 0])
+    (index,) = (topic.index for topic in system.topics if topic.name == read)
+    assert derived_times.has_nodes_between(system, system.modules[0], [index]) is between
+
+
+def test_a_queue_counts_as_a_node_between_by_either_sign_of_it(tmp_path: Path) -> None:
+    """By the topic that a node reads, and by its subscription; SC's own queue is none."""
+    node = "node N period 10ms { subscribes y queue 2; step { } }"
+    queue = ("plant P", f"{node}\nplant P"), ("module M;", "n: N; module M;")
+    for topic_alone in (True, False):
+        system = system_of(tmp_path, *queue)
+        if topic_alone:
+            (n,) = (c.node for c in system.components if c.name == "n")
+            assert n is not None
+            n.subscribes[0].queue = None
+        else:
+            for topic in system.topics:
+                topic.queue_of = None
+        assert derived_times.has_nodes_between(system, system.modules[0], [])
+    of_sc = system_of(tmp_path, ("subscribes x, y;", "subscribes x, y queue 2;"))
+    assert not derived_times.has_nodes_between(of_sc, of_sc.modules[0], [])
 
 
 # ---------------------------------------------------------------- what is understood
 
 
-def test_an_sc_is_nothing_but_its_step() -> None:
-    plain: dict[str, Any] = {
-        "extern": False,
-        "takeover": None,
-        "subscribes": [],
-        "bursts": {},
-        "step": [],
-    }
-    topic = SimpleNamespace(name="x")
-    queued, latest = (SimpleNamespace(queue=q, topic=topic) for q in (3, None))
-    for change, words in (
-        ({}, ""),
-        ({"subscribes": [latest, latest]}, ""),
-        ({"extern": True}, "not Soter source"),
-        ({"takeover": ["s"]}, "on takeover"),
-        ({"subscribes": [latest, queued]}, "queue of `x`"),
-        ({"bursts": {"u": 2}}, "several messages"),
-        ({"step": [t.TypedPush.__new__(t.TypedPush)]}, "`push` in SC"),
-    ):
-        sc: Any = SimpleNamespace(**{**plain, **change})
-        if words:
-            with pytest.raises(NotRecheckedError, match=words):
-                supported_constructs._require_supported_sc(sc)
-        else:
-            supported_constructs._require_supported_sc(sc)
+SLOW = "node Slow period 20ms { subscribes x, y; publishes u;"
 
 
-def test_a_plant_is_source_and_publishes_from_the_start() -> None:
-    def plant(phase: int = 0, **more: Any) -> Any:
-        code = {"drives": (), "lets": (), "der": {}, "next": {}, "extern": False}
-        return SimpleNamespace(name="P", phase_ns=phase, plant=SimpleNamespace(**{**code, **more}))
-
-    wrong = t.TruthRead.__new__(t.TruthRead)
-    supported_constructs._require_known_plant(plant())
-    for made, words in (
-        (plant(1), "at the start"),
-        (plant(extern=True), "extern"),
-        (plant(drives=[("x", wrong)]), "`truth`"),
-        (plant(lets=[("x", wrong)]), "`truth`"),
-        (plant(der={"x": wrong}), "`truth`"),
-        (plant(next={"x": wrong}), "`truth`"),
-    ):
+@pytest.mark.parametrize(
+    ("pair", "change", "words"),
+    [
+        ((), {}, ""),
+        ((), {"extern": True}, "not Soter source"),
+        ((SLOW, f"{SLOW} var a: float = 0.0; on takeover {{ a = 1.0; }}"), {}, "on takeover"),
+        (("subscribes x, y;", "subscribes x, y queue 2;"), {}, "queue of `y`"),
+        ((), {"bursts": {"u": 2}}, "several messages"),
+        ((), {"step": (t.TypedPush.__new__(t.TypedPush),)}, "`push` in SC"),
+    ],
+)
+def test_an_sc_is_nothing_but_its_step(
+    tmp_path: Path, pair: tuple[str, str] | tuple[()], change: dict[str, Any], words: str
+) -> None:
+    facts = facts_of(tmp_path, *([pair] if pair else []))
+    for name, value in change.items():
+        setattr(facts.sc.node, name, value)
+    if words:
         with pytest.raises(NotRecheckedError, match=words):
-            supported_constructs._require_known_plant(made)
-
-
-@pytest.mark.parametrize(("extern", "body"), [(False, ()), (True, ()), (False, None), (True, None)])
-def test_a_function_without_a_body_is_unknown(extern: bool, body: Any) -> None:
-    fun = t.FunSymbol.__new__(t.FunSymbol)
-    for name, value in (
-        ("name", "f"),
-        ("parameters", ()),
-        ("extern", extern),
-        ("body", body),
-        ("source", None),
-        ("prelude", False),
-        ("result", None),
-    ):
-        object.__setattr__(fun, name, value)
-    call: Any = t.TypedCall.__new__(t.TypedCall)
-    for name, value in (("fun", fun), ("arguments", ())):
-        object.__setattr__(call, name, value)
-    assert list(supported_constructs.code_parts([call, call])) == [call, fun]
-    if extern or body is None:
-        with pytest.raises(NotRecheckedError, match="extern function"):
-            supported_constructs._require_known_code(call, "SC")
+            require_supported(facts)
     else:
-        supported_constructs._require_known_code(call, "SC")
+        require_supported(facts)
 
 
-def test_a_queue_is_not_what_a_module_reads() -> None:
-    for queued in (None, 0, 1):
-        topics = [SimpleNamespace(name=n, queue_of=1 if k == queued else None)
-                  for k, n in enumerate("abc")]  # fmt: skip
-        sc = SimpleNamespace(scope=SimpleNamespace(topics={"b": 1, "c": 2}))
-        flying = SimpleNamespace(components=[sc], inputs=[], topics=topics)
-        module = SimpleNamespace(outputs=(0,), sc=0)
-        facts: Any = SimpleNamespace(flying=flying, flying_module=module, controllers=[sc])
-        if queued == 1:
-            with pytest.raises(NotRecheckedError, match="`b` is a queue"):
-                supported_constructs._require_own_topics(facts)
+WRONG = t.TruthRead.__new__(t.TruthRead)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"phase_ns": 1}, "at the start"),
+        ({"extern": True}, "extern"),
+        ({"drives": WRONG}, "`truth`"),
+        ({"lets": WRONG}, "`truth`"),
+        ({"der": WRONG}, "`truth`"),
+        ({"next": WRONG}, "`truth`"),
+    ],
+)
+def test_a_plant_is_source_and_publishes_from_the_start(
+    tmp_path: Path, change: dict[str, Any], words: str
+) -> None:
+    facts = facts_of(tmp_path, ("der q = -q;", "let twice = 2.0 * q; der q = -q;"))
+    require_supported(facts)
+    component = facts.plants[-1]
+    assert component.plant is not None
+    ((name, value),) = change.items()
+    if name in ("drives", "lets"):
+        ((of, _),) = getattr(component.plant, name)
+        value = ((of, value),)
+    elif name in ("der", "next"):
+        value = dict.fromkeys(component.plant.states, value)
+    setattr(component if name == "phase_ns" else component.plant, name, value)
+    with pytest.raises(NotRecheckedError, match=words):
+        require_supported(facts)
+
+
+@pytest.mark.parametrize(
+    ("extern", "body"), [(False, True), (True, True), (False, False), (True, False)]
+)
+def test_a_function_without_a_body_is_unknown(tmp_path: Path, extern: bool, body: bool) -> None:
+    own = ("topic u:", "fun f(a: float): float { return a; }\ntopic u:")
+    facts = facts_of(tmp_path, own, ("clamp(-x,", "clamp(f(f(-x)),"))
+    assert facts.sc.node is not None
+    parts = supported_constructs.code_parts([*facts.sc.node.step] * 2)
+    (fun,) = (part for part in parts if isinstance(part, t.FunSymbol) and part.name == "f")
+    fun.extern = extern
+    if not body:
+        fun.body = None
+    if extern or not body:
+        with pytest.raises(NotRecheckedError, match="extern function"):
+            require_supported(facts)
+    else:
+        require_supported(facts)
+
+
+def test_a_queue_is_not_what_a_module_reads(tmp_path: Path) -> None:
+    """Nor is there one among its outputs."""
+    for queued in ("", "z", "y", "u"):
+        beside = (
+            ("topic u:", "topic z: float;\ntopic u:"),
+            ("drives y = q;", "drives y = q; drives z = q;"),
+        )
+        facts = facts_of(tmp_path, *beside)
+        assert queued in {"", *(topic.name for topic in facts.flying.topics)}
+        for topic in facts.flying.topics:
+            if topic.name == queued:
+                topic.queue_of = 1
+        if queued in ("y", "u"):
+            with pytest.raises(NotRecheckedError, match=f"`{queued}` is a queue"):
+                require_supported(facts)
         else:
-            supported_constructs._require_own_topics(facts)
+            require_supported(facts)
 
 
 # ---------------------------------------------------------------- questions about a problem
@@ -336,15 +354,15 @@ def test_times_that_follow_from_times(facts: Facts) -> None:
     assert (own.decide_ns, own.between_ns) == (1111, 111)
     assert (own.delay_ns, own.jitter_ns) == (5, 6)
     for start in (6, 7, 8):
-        own.own = SimpleNamespace(start=start)  # type: ignore[assignment]
+        own.own = dataclasses.replace(facts.own, start=start)
         assert own.start_ns == max(start, 7)
 
 
-def test_predicates_are_computed_where_both_are_left_out() -> None:
-    for ttf, safer in itertools.product((None, "e"), repeat=2):
-        own = SimpleNamespace(symbol=SimpleNamespace(ttf=ttf, safer=safer))
-        computed: Any = module_facts.Facts.computed
-        assert computed.fget(own) is (ttf is None and safer is None)
+def test_predicates_are_computed_where_both_are_left_out(tmp_path: Path) -> None:
+    own = facts_of(tmp_path)
+    for ttf, safer in itertools.product((None, own.symbol.ttf), (None, own.symbol.safer)):
+        own.symbol.ttf, own.symbol.safer = ttf, safer
+        assert own.computed is (ttf is None and safer is None)
 
 
 def test_what_is_read_is_told_apart_by_who_reads_it(tmp_path: Path) -> None:
@@ -362,22 +380,25 @@ def test_what_is_read_is_told_apart_by_who_reads_it(tmp_path: Path) -> None:
     assert bounded == ["y"]
 
 
-def test_controllers_that_command_are_those_of_the_module() -> None:
-    roles = ["ac", "sc", "dm", "node"]
-    components = [SimpleNamespace(module=m, role=r) for m in (0, 1, None) for r in roles]
-    own = SimpleNamespace(
-        flying_module=SimpleNamespace(index=1), flying=SimpleNamespace(components=components)
-    )
-    commanding: Any = module_facts.Facts.controllers
-    assert [(c.module, c.role) for c in commanding.fget(own)] == [(1, "ac"), (1, "sc")]
+def test_controllers_that_command_are_those_of_the_module(tmp_path: Path) -> None:
+    node = "topic z: float;\nnode Z period 20ms { subscribes y; publishes z; step { } }"
+    pairs = ("topic u:", f"{OTHER}{node}\ntopic u:"), ("module M;", "n: Z; module M; module N;")
+    own = facts_of(tmp_path, *pairs)
+    assert sorted((c.name, c.role) for c in own.controllers) == [("M.Fast", "ac"), ("M.Slow", "sc")]
 
 
-def test_an_sc_that_is_no_source_reads_nothing_that_is_known() -> None:
-    for node in (None, SimpleNamespace(extern=True, step=())):
+def test_an_sc_that_is_no_source_reads_nothing_that_is_known(tmp_path: Path) -> None:
+    own = facts_of(tmp_path)
+    node = own.sc.node
+    assert node is not None
+    assert [topic.name for topic in module_facts.topics_read_by_sc(own.sc)] == ["x"]
+    node.step = ()
+    assert module_facts.topics_read_by_sc(own.sc) == []
+    node.extern = True
+    for there in (node, None):
+        own.sc.node = there
         with pytest.raises(NotRecheckedError, match="not Soter source"):
-            module_facts.topics_read_by_sc(SimpleNamespace(node=node))  # type: ignore[arg-type]
-    plain: Any = SimpleNamespace(node=SimpleNamespace(extern=False, takeover=None, step=()))
-    assert module_facts.topics_read_by_sc(plain) == []
+            module_facts.topics_read_by_sc(own.sc)
 
 
 def test_numbers_of_a_module(facts: Facts) -> None:
@@ -390,7 +411,7 @@ def test_numbers_of_a_module(facts: Facts) -> None:
 
 @pytest.mark.parametrize(("low", "high"), [(-1.0, 2.0), (0.0, 0.0)])
 def test_a_command_of_each_step_lies_in_its_set(low: float, high: float) -> None:
-    control: Any = SimpleNamespace(owner=3, leaf=1, low=low, high=high, name="u")
+    control = module_facts.Input("control", "u", 3, 1, low, high)
     for value in (-1.5, -1.0, 0.0, 2.0, 2.5):
         terms = Terms()
         command = command_term(terms, control, [{3: (9.0, value)}])

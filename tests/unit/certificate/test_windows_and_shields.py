@@ -15,12 +15,15 @@ from soter.certificate.cell_sets import Cells
 from soter.certificate.extras import estimates_and_shield
 from soter.certificate.grid import sc_chains
 from soter.certificate.grid.sc_chains import EVERY, Window, windows_of_runs
+from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.report import RejectedError
 from tables import all_rows
 from unit.certificate.grid_tables import LINE, bools, tables
+from unit.certificate.test_single_refusals import facts_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
 # ---------------------------------------------------------------- windows
 
@@ -80,28 +83,19 @@ def test_into_which_windows_runs_are_told_apart(
 # ---------------------------------------------------------------- estimates
 
 
-def model_with(errors: dict[int, float], leaves: Any = (0, 1)) -> Any:
-    states = [SimpleNamespace(name=n) for n in "xy"]
-    facts = SimpleNamespace(
-        states=states, leaves=dict.fromkeys(leaves), errors=errors, turning=set()
-    )
-    return SimpleNamespace(facts=facts, extents=((0.0, 4.0), (0.0, 4.0)))
+def model_with(folder: Path, error: float) -> CaseModel:
+    """The topic that shows the first state is measured with this error."""
+    measured = f"der p = u; measured x within {error};" if error else "der p = u;"
+    facts = facts_of(folder, ("der p = u;", measured))
+    assert [s.name for s in facts.states] == ["p.p", "q.q"]
+    return CaseModel(facts, (), ((0.0, 4.0), (0.0, 4.0)))
 
 
-@pytest.fixture
-def _errors(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(
-        estimates_and_shield, "estimate_error", lambda facts, state: facts.errors[state]
-    )
-
-
-@pytest.mark.usefixtures("_errors")
-def test_estimates_are_as_far_off_as_errors_are() -> None:
+def test_estimates_are_as_far_off_as_errors_are(tmp_path: Path) -> None:
     group = tables([1] * 4)
     for error in (0.0, 0.25, 1.5):
-        low, high = estimates_and_shield.estimates_around(
-            model_with({0: error}), group, LINE.box(((1, 3),))
-        )
+        model = model_with(tmp_path, error)
+        low, high = estimates_and_shield.estimates_around(model, group, LINE.box(((1, 3),)))
         assert low == pytest.approx(1.0 - error)
         assert high == pytest.approx(3.0 + error)
         if error:
@@ -111,7 +105,7 @@ def test_estimates_are_as_far_off_as_errors_are() -> None:
             assert (low, high) == (1.0, 3.0)
         for members in itertools.product((0, 1), repeat=4):
             level = Cells(LINE, bools(*members))
-            kept = estimates_and_shield.eroded_cells(model_with({0: error}), group, level).members
+            kept = estimates_and_shield.eroded_cells(model, group, level).members
             for i in range(4):
                 near = [k for k in range(-3, 8) if k + 1 > i - error and k < i + 1 + error]
                 near = near if error else [i]
@@ -119,12 +113,11 @@ def test_estimates_are_as_far_off_as_errors_are() -> None:
                 assert kept[i] == (fine and bool(members[i]))
 
 
-@pytest.mark.usefixtures("_errors")
-def test_levels_hold_and_drift_by_what_is_behind_estimates() -> None:
+def test_levels_hold_and_drift_by_what_is_behind_estimates(tmp_path: Path) -> None:
     group = tables([1] * 4)
     inside = Cells(LINE, bools(1, 1, 1, 0))
     for error, left in ((0.0, [3]), (0.5, [0, 2, 3])):
-        model = model_with({0: error})
+        model = model_with(tmp_path, error)
         cells = estimates_and_shield.estimates_of_states_outside(
             model, group, bools(1, 1, 1, 1), inside, LINE.all_cells
         )
@@ -144,12 +137,11 @@ def test_levels_hold_and_drift_by_what_is_behind_estimates() -> None:
         assert {s for w, s in asked if w > 1 + 2 * error} == {0}
 
 
-@pytest.mark.usefixtures("_errors")
-def test_a_state_that_no_topic_shows_is_anywhere_on_its_axis() -> None:
-    group = tables([1] * 4)
-    for leaves, wanted in (((0,), (1.0, 2.0)), ((), (0.0, 4.0))):
-        model = model_with({0: 0.0}, leaves)
-        assert estimates_and_shield.estimates_around(model, group, LINE.box(((1, 2),))) == wanted
+def test_a_state_that_no_topic_shows_is_anywhere_on_its_axis(tmp_path: Path) -> None:
+    group, model = tables([1] * 4), model_with(tmp_path, 0.0)
+    assert estimates_and_shield.estimates_around(model, group, LINE.box(((1, 2),))) == (1.0, 2.0)
+    del model.facts.leaves[0]
+    assert estimates_and_shield.estimates_around(model, group, LINE.box(((1, 2),))) == (0.0, 4.0)
 
 
 # ---------------------------------------------------------------- shields
