@@ -373,9 +373,13 @@ class _Body:
         t = target.type
         if isinstance(t, ArrayType) and isinstance(index, core.Const):
             return bool(0 <= index.value < t.size)
-        sizes = range(t.size + 1) if isinstance(t, ArrayType) else ()
-        limits = [*(core.Const(INT, n) for n in sizes), core.Length(INT, target)]
-        below = any(_comparison(index, "<", limit) in self.facts for limit in limits)
+        size = t.size if isinstance(t, ArrayType) else 0
+        below = _comparison(index, "<", core.Length(INT, target)) in self.facts or any(
+            fact == _comparison(index, "<", core.Const(INT, fact.right.value))
+            and fact.right.value <= size
+            for fact in self.facts
+            if isinstance(fact, core.Binary) and isinstance(fact.right, core.Const)
+        )
         return below and _comparison(index, ">=", ZERO) in self.facts
 
     def _check_length(self, e: core.Length) -> Rule:
