@@ -112,6 +112,7 @@ TESTED_BY = {
         "reading_by_evaluation",
         "operators_of_terms",
         "problem_by_definition",
+        "refused_times",
         "linear_flows_by_formula",
         "what_is_let_through",
         "recheck_enclosures",
