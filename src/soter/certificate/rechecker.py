@@ -141,6 +141,8 @@ def reason_in_words(error: Exception) -> str:
 
 
 def _check_certificate(certificate: Certificate, report: Report, workers: int) -> None:
+    if not __debug__:
+        raise NotRecheckedError("`python -O` leaves out what it asserts")
     manifest = certificate.manifest
     require_keys(manifest, MANIFEST_KEYS, "the manifest", "assumptions")
     report.stated = stated_assumptions(manifest)

@@ -36,6 +36,11 @@ def files_of(heading: str, cell: int) -> list[list[str]]:
     return [FILES.findall(row[cell]) for row in rows(PAGE.read_text(encoding="utf-8"), heading)]
 
 
+VERDICT = """import sys
+from pathlib import Path
+from soter.certificate.rechecker import recheck
+print(recheck(Path(sys.argv[1]), workers=1).verdict)
+"""
 CHILD = """import sys
 from pathlib import Path
 sys.modules.update(z3=None, cffi=None)  # what the extra `recheck` does not bring, and what compiles
@@ -78,6 +83,15 @@ def test_a_plain_certificate_starts_nothing_and_imports_only_what_is_on_the_list
     beside = {f for row in files_of("Beside the verdict", 1) for f in row}
     assert here <= listed | beside
     assert {"rechecker.py", "grid/grid_group.py", "reading/derived_times.py"} <= here
+
+
+@pytest.mark.parametrize(("words", "verdict"), [([], "accepted"), (["-O"], "not re-checked")])
+def test_without_its_assertions_a_re_check_confirms_nothing(
+    words: list[str], verdict: str, tmp_path: Path
+) -> None:
+    """Some of what the front end promises it asserts, which `python -O` would leave out."""
+    run = [sys.executable, *words, "-c", VERDICT, str(a_small_certificate("written", tmp_path))]
+    assert processes.run(run, capture_output=True, text=True).stdout.strip() == verdict
 
 
 def test_every_file_is_on_the_list_once_and_each_step_has_its_lines() -> None:
