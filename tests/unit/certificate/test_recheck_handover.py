@@ -108,7 +108,7 @@ def test_a_node_that_does_not_ask_is_accepted_and_assumed_to(
     proved: Proved, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """An assumption is no claim: nothing is rejected for it. (The claims are those of before.)"""
-    monkeypatch.setattr(CaseCheck, "check", lambda _: None)
+    monkeypatch.setattr(CaseCheck, "show_claims", lambda _: None)
     folder = tmp_path / "cert"
     shutil.copytree(proved[0], folder)
     edit_program(folder, (GUARD, "asked"))
@@ -351,7 +351,7 @@ def test_a_cell_that_is_taken_out_of_r_is_missed(proved: Proved, tmp_path: Path)
     facts.times, facts.extents = other.times, other.extents
     group = grid.tables
     whole = group.free.copy()
-    at = group.grid.cells((2.0, 2.0, 0.0, 0.0))
+    at = group.grid.cells_around((2.0, 2.0, 0.0, 0.0))
     assert at is not None
     assert Cells(group.grid, whole).members_in(at) == 1
     try:
@@ -371,7 +371,7 @@ def test_sets_that_nobody_claims_confirm_nothing(proved: Proved, tmp_path: Path)
 
 
 @pytest.mark.parametrize(
-    "where", ["extras.handovers.why_not_entered", "induction.handover_jumps.why_not_shown"]
+    "where", ["extras.handovers.why_not_entered", "induction.handover_jumps.why_jumps_not_shown"]
 )
 def test_what_goes_wrong_confirms_nothing(
     proved: Proved, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str

@@ -51,6 +51,7 @@ PROGRAMS = (
             "E009_faults_unknown",
             "E015_several_messages",
             "E020_nobody_stands_in",
+            "L001_preprocessor",
             "M005_without_a_system",
             "M013_invariant_of_a_node",
             "M027_candidates_beyond_the_set",
@@ -73,6 +74,9 @@ node Half period 10ms {
 system Timed { node Half; }
 """
 ON_OTHER_INPUT = {
+    "soter.api.computed_ttf": "a method of Program for another command",
+    "soter.api.measured_times": "`--times`",
+    "soter.api.output_files": "a method of Program for another command",
     "soter.diagnostics.current_phase": "a check that takes seconds",
     "soter.version": "VERSION in a document; its functions say what is missing",
 }

@@ -30,6 +30,7 @@ CALLS_MAX = 20_000_000
 """Twenty times what a mutant takes; a constant may compute for as long as its budget."""
 
 TOKEN = re.compile(r'"[^"\n]*"|//[^\n]*|\w+(?:\.\d\w*)?|[<>=!]=|&&|\|\||\.\.|\s+|.', re.DOTALL)
+CANDIDATES = TESTS / "static_error" / "M027_candidates_beyond_the_set.soter"
 ENUM_WITHOUT_CASES = TESTS / "static_error" / "T001_case_by_its_number.soter"
 TOKENS = {p: TOKEN.findall(p.read_text(encoding="utf-8")) for p in PATHS}
 TYPES = ["int", "float", "bool", "duration", "Vec3", "int in [0, 3]", "float[3]", "float[<=3]"]
@@ -127,6 +128,7 @@ def _back_in_the_folder() -> object:
 )
 @given(st.sampled_from(PATHS), mutations)
 @example(ENUM_WITHOUT_CASES, [("delete", 95, 0)])
+@example(CANDIDATES, [("type", 1, 0)])
 def test_a_mutant_is_checked_without_a_crash(
     path: Path, changes: list[tuple[str, int, int]]
 ) -> None:

@@ -219,7 +219,7 @@ def test_the_largest_cells_on_which_there_is_a_k_are_chosen(
             for name, cells in failed.items()
         ]
         case: Any = SimpleNamespace(failures=failures, proofs=[None])
-        case.failed = lambda claim: [f for f in case.failures if f.claim == claim]
+        case.failures_of = lambda claim: [f for f in case.failures if f.claim == claim]
         return [case]
 
     choice = chooser.choose_cells_and_levels(replace(problem, levels_open=False), attempt)

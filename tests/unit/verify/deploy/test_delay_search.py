@@ -24,7 +24,9 @@ def test_what_is_told_lies_within_a_tenth_of_the_bound(bound_ns: int) -> None:
     flat = system_of(check_file(CART), None)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
-            delay_search, "_what_fails", lambda *at: "" if at[-1] <= bound_ns else "P2a: no"
+            delay_search,
+            "_failing_claim_in_words",
+            lambda *at: "" if at[-1] <= bound_ns else "P2a: no",
         )
         advice = largest_delay(flat, flat.modules[0])
     largest, refused = advice.largest_ns, advice.refused_ns

@@ -208,6 +208,8 @@ def _why_no_candidates(
         return f"its AC does not subscribe `{tried.name}`, so that it cannot say that it is old"
     if module.symbol.rest is None:
         return f"it has no `rest`: on a grid a command is moved toward SC's, not to `{tried.name}`"
+    if not module.outputs:
+        return ""  # what its controllers publish is in error
     topic, (output, *others) = topics[index], (topics[i] for i in module.outputs)
     if others or not isinstance(topic.type, ArrayType) or topic.type.element != output.type:
         return f"`{tried.name}` is no array of what it publishes, as `{output.type}[3]` is"
