@@ -305,7 +305,7 @@ def test_an_invariant_that_fails_inside_a_proof_is_exit_70(
     def broken(*_: object) -> None:
         raise AssertionError("an invariant")
 
-    monkeypatch.setattr("soter.verify.grid.claims.GridProof.core", broken)
+    monkeypatch.setattr("soter.verify.grid.claims.GridProof.find_core", broken)
     (here / "lift.soter").write_text((ROOT / "examples" / "wall" / "lift.soter").read_text("utf-8"))
     done = soter("verify", "lift.soter")
     assert done.exit == 70

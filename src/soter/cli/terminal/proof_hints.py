@@ -26,6 +26,7 @@ SHOWN = 100
 """The most characters of what a try gave; JSON has all of it."""
 NOT_FOUND = "no hint was found with which all of it is proved"
 NO_HINTS = "the program says no grid and no `rest`"
+NOTHING_TRIED = "runs of its model gave none"
 NOTHING_OPEN = "the program says how it is proved"
 
 
@@ -37,8 +38,11 @@ def seconds_text(value: float) -> str:
 def print_search(search: ProofSearch, command: str, printed: Printout) -> None:
     """Prints the hints tried and found for a module; `command` is the line that verifies it."""
     why = "what the program says leaves it undecided" if search.own else NO_HINTS
-    printed.say(f"\n{printed.paint('bold', search.module)}  {why}; tried")
-    print_tries(search, printed)
+    none = NOTHING_TRIED if search.refused is None else search.refused.message
+    tried = "tried" if search.tries else f"no hint was tried: {none}"
+    printed.say(f"\n{printed.paint('bold', search.module)}  {why}; {tried}")
+    if search.tries:
+        print_tries(search, printed)
     if any(t.untried for t in search.tries):
         printed.say("\nwhat was not tried needs a longer `--budget`")
     if search.proved:

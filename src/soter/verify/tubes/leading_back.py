@@ -23,6 +23,7 @@ import numpy as np
 
 from soter.diagnostics.current_phase import announce, phase, share_done
 from soter.diagnostics.diagnostic import SoterError
+from soter.language.model.types import show_ns
 from soter.verify.problem.problem import Interval
 from soter.verify.tubes.expression_graph import in_order, middle
 from soter.verify.tubes.generated_functions import Caller, TooLongError
@@ -216,13 +217,13 @@ class _SimulatedRuns:
         step = check.times.period * 1e-9 / self.steps
         read = {("y", s): x[k] for k, s in enumerate(check.states)}
         read |= {("l", k): np.full(runs, middle(r)) for k, r in enumerate(check.kept)}
-        inputs = {("u", k): u for k, u in enumerate(_values_of_nodes(check.law, read, runs))}
+        inputs = {("u", k): u for k, u in enumerate(values_of_nodes(check.law, read, runs))}
         inputs |= {("w", k): wind for k, wind in enumerate(w)}
         rates = [check.rates[s] for s in check.states]
 
         def rate(at: Values) -> Values:
             states = {("x", s): at[k] for k, s in enumerate(check.states)}
-            return np.array(_values_of_nodes(rates, {**inputs, **states}, runs))
+            return np.array(values_of_nodes(rates, {**inputs, **states}, runs))
 
         for _ in range(self.steps):
             a = rate(x)
@@ -233,7 +234,7 @@ class _SimulatedRuns:
         return x
 
 
-def _values_of_nodes(
+def values_of_nodes(
     roots: Sequence[Node], inputs: Mapping[tuple[str, int], Values], runs: int
 ) -> list[Values]:
     """The values of some expressions for given inputs, each of shape (runs,)."""
@@ -427,9 +428,17 @@ class _LeadBackSearch:
         if not own:
             return text
         where = f"not from {box_in_words(self._check, own)} ({tried} part{'s' * (tried > 1)} asked)"
+        where += self._unknown_past_in_words()
         where += f"; on the way there is {self._caller.fault}" if self._caller.fault else ""
         where += self._widest_in_words({s: part[s] for s in self._own})
         return f"{text}: shown of {shown:.1%} of it, {where}{self._larger_box_in_words(reached)}"
+
+    def _unknown_past_in_words(self) -> str:
+        """Words about reads whose states have no bound; "" where the tube was followed."""
+        if all(r.low <= r.high for r in self._span.values()):
+            return ""
+        oldest = show_ns(self._check.times.delay)
+        return f"; nothing bounds how states moved in the {oldest} before, of which SC may read"
 
     def _widest_in_words(self, own: Box) -> str:
         """Words about the state that the tube leaves farthest, counted in widths of its `rest`."""

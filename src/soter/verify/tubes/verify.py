@@ -33,6 +33,7 @@ from soter.verify.diagnosis.vacuity import tell_vacuity_in_row, vacuity_of_rest
 from soter.verify.diagnosis.variations import younger_reads_of_sc
 from soter.verify.problem.problem import Assumption
 from soter.verify.proof_methods import figures_entry
+from soter.verify.tubes.noise_estimate import noise_estimate
 from soter.verify.tubes.problem import FARTHEST, TubeProblem, is_far
 from soter.verify.tubes.rest_claims import rest_entry
 from soter.verify.tubes.tube_check import TubeCheck
@@ -79,9 +80,14 @@ SOUND = Assumption(
 )
 ANSWERS = "an SC that limits what it publishes (`clamp`), to a little less than the set"
 KEPT = (
-    "what disturbances do at rest, errors and ages of what SC reads, and SC at the end of its "
-    "commands where all numbers of `rest` are at theirs at once, have to fit into `rest`: a larger "
-    "one, a lower gain of SC, {}or an SC that holds a place (`soter explain anchor`)"
+    "what disturbances do at rest, errors and ages of what SC reads, late commands, and SC at the "
+    "end of its commands where all numbers of `rest` are at theirs at once, have to fit into `rest`"
+    "{}: a larger one, a lower gain of SC, {}or an SC that holds a place (`soter explain anchor`)"
+)
+NEEDS = (
+    " (by a linear estimate a tube that forgets nothing needs {share:.2g} times what it has of "
+    "`{leaf}`: {on_time:.2g} if no command were late, {young:.2g} if no read were old; from its "
+    "corners SC wants {command:.2g} times its largest command)"
 )
 NOT_GIVEN = "at the start the check of the DM does not let AC have control"
 UNBOUNDED = (
@@ -94,8 +100,6 @@ UNMOVED = "`rest` reads nothing that commands move: say it of what SC brings to 
 AT_START = (
     "a longer `within`, or a `rest` that lies in `safe` with all that SC leads through from there"
 )
-CASCADE = 3
-"""An SC that reads this many states or more mostly has control loops within control loops."""
 MOVES = (
     "a larger bound; where something pushes for ever none is true, so name a place that SC holds "
     "in `rest`, and not in `moves` (`soter explain anchor`)"
@@ -226,8 +230,12 @@ def _advice_on_rest(check: TubeCheck, claims: RestClaims, *, ask: bool) -> str:
         return UNBOUNDED.format(unbounded)
     if left := _names_left_open(check, claims):
         return OPEN.format(left)
-    late = _what_delays_sc(check, tried)
-    return KEPT.format("".join(f"{what}, " for what in late)) if claims.box else ""
+    if not claims.box:
+        return ""
+    needs, late = "", "".join(f"{what}, " for what in _what_delays_sc(check, tried))
+    if ask and (found := noise_estimate(check, claims.box)) is not None:
+        needs = NEEDS.format(leaf=check.problem.leaf_of_state(found.worst), **found._asdict())
+    return KEPT.format(needs, late)
 
 
 def _doubt_in_words(problem: TubeProblem) -> str:
@@ -248,16 +256,15 @@ def _younger_reads_in_words(problem: TubeProblem) -> str:
 
 
 def _what_delays_sc(check: TubeCheck, tried: str) -> Iterator[str]:
-    """Advice on what makes SC late: the age of its reads, its delay, inner loops that are slow."""
+    """Advice on what makes SC late: the age of its reads, its delay."""
     times = check.problem.times
     if tried or (check.read_by_law and times.age_sc > times.delta_sc):
         yield (
             tried or f"reads that are younger (`age`, `max_age`, now up to {show_ns(times.age_sc)})"
         )
     if times.acts:
-        yield f"less delay (`acts within`, now {show_ns(times.acts)})"
-    if len(check.read_by_law) >= CASCADE:
-        yield "inner loops that are several times as quick as the outer ones"
+        late = f"with `response dm` and `response sc` {show_ns(times.jitter_sc)} late at most"
+        yield f"less delay (`acts within`, now {show_ns(times.acts)}; {late})"
 
 
 def _advise_sets(check: TubeCheck) -> str:
