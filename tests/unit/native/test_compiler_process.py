@@ -77,6 +77,7 @@ def test_that_of_another_thread_ends_when_it_is_told_to(tmp_path: Path) -> None:
     left = tmp_path / "left"
     with processes.started(["sleep", "60"]) as waiting:
         processes.until(lambda: left.is_file() and left.read_text().endswith("\n"), waiting)
+        processes.until(lambda: compiler._running, waiting)  # it may have written before
         end_compilers()
         processes.until(lambda: not lives(left), waiting)
     compiling.join(processes.TIMEOUT_S)

@@ -204,9 +204,7 @@ class _SimulatedRuns:
     @classmethod
     def of(cls, check: TubeCheck) -> _SimulatedRuns | None:
         """The simulation of a check; None where an operation is missing in `OPERATIONS`."""
-        known = {"number", "input", "known", *OPERATIONS}
-        rates = [check.rates[s] for s in check.states]
-        if any(e.op not in known for e in in_order([*rates, *check.law])):
+        if not has_known_operations(check):
             return None
         fine = -(-check.times.period // max(1, check.problem.plant_period_ns))
         return cls(check, max(2, min(fine, STEPS_MAX // max(1, check.times.switches))))
@@ -232,6 +230,13 @@ class _SimulatedRuns:
             d = rate(x + step * c)
             x = x + step / 6.0 * (a + 2.0 * b + 2.0 * c + d)
         return x
+
+
+def has_known_operations(check: TubeCheck) -> bool:
+    """Whether `values_of_nodes` knows all operations of rates and of SC."""
+    known = {"number", "input", "known", *OPERATIONS}
+    rates = [check.rates[s] for s in check.states]
+    return all(e.op in known for e in in_order([*rates, *check.law]))
 
 
 def values_of_nodes(

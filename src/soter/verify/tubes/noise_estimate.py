@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from soter.verify.tubes.expression_graph import half_width, middle
-from soter.verify.tubes.leading_back import values_of_nodes
+from soter.verify.tubes.leading_back import has_known_operations, values_of_nodes
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -55,6 +55,8 @@ class NoiseEstimate(NamedTuple):
 
 def noise_estimate(check: TubeCheck, box: Mapping[int, Interval]) -> NoiseEstimate | None:
     """The estimate for a box; None where rates have no derivative in its middle, or SC no hold."""
+    if not has_known_operations(check):
+        return None
     half = np.array([half_width(box[s]) if s in box else 0.0 for s in check.states])
     late, delay = (x * 1e-9 for x in (check.times.jitter, check.times.delay))
     with np.errstate(all="ignore"):

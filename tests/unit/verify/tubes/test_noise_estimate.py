@@ -12,6 +12,7 @@ import pytest
 from soter.language.front_end import check_file, system_of
 from soter.verify.problem.extract import extract
 from soter.verify.problem.problem import Interval
+from soter.verify.tubes import leading_back
 from soter.verify.tubes.noise_estimate import NoiseEstimate, noise_estimate
 from soter.verify.tubes.problem import TubeProblem
 from soter.verify.tubes.tube_check import TubeCheck
@@ -84,6 +85,14 @@ def test_it_is_told_where_rest_is_not_shown(tmp_path: Path) -> None:
 
 def test_an_sc_that_holds_nothing_has_no_estimate() -> None:
     check = check_of(HELD.replace(*NOT_KEPT["SC pushes the wrong way"]))
+    assert noise_estimate(check, {check.states[0]: Interval(-0.3, 0.3)}) is None
+
+
+def test_an_operation_that_is_not_simulated_leaves_no_estimate(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    check = check_of(HELD)
+    monkeypatch.delitem(leading_back.OPERATIONS, "mul")
     assert noise_estimate(check, {check.states[0]: Interval(-0.3, 0.3)}) is None
 
 
