@@ -234,9 +234,8 @@ class _SimulatedRuns:
 
 def has_known_operations(check: TubeCheck) -> bool:
     """Whether `values_of_nodes` knows all operations of rates and of SC."""
-    known = {"number", "input", "known", *OPERATIONS}
-    rates = [check.rates[s] for s in check.states]
-    return all(e.op in known for e in in_order([*rates, *check.law]))
+    every = in_order([*(check.rates[s] for s in check.states), *check.law])
+    return {e.op for e in every} <= {"number", "input", "known", *OPERATIONS}
 
 
 def values_of_nodes(
