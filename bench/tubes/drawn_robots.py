@@ -13,18 +13,15 @@ Non-goals: whether these robots are safe: their authors simulated 300 runs of ea
 from __future__ import annotations
 
 import argparse
-import re
 import sys
 import tempfile
 from pathlib import Path
 
 import soter
+from soter.verify.tubes.noise_estimate import noise_estimate
+from soter.verify.tubes.verify import TubeResult
 
 DRAWN = Path(__file__).parent / "drawn"
-NEEDS = re.compile(
-    r"needs ([\d.e+]+) times what it has of `([^`]*)`: ([\d.e+]+) if .*?, ([\d.e+]+) if .*?"
-    r"wants ([\d.e+]+) times"
-)
 
 
 def row_of(path: Path) -> tuple[list[str], bool, bool]:
@@ -35,11 +32,14 @@ def row_of(path: Path) -> tuple[list[str], bool, bool]:
         (module,) = report.modules
         proved = module.verdict in ("proved", "assumed")
         accepted = proved and soter.recheck(cert).accepted
-    needs = NEEDS.search(module.findings["P2a"].hint or "")
-    share, leaf, on_time, young, command = needs.groups() if needs else ("-",) * 5
-    states = len(re.findall(r"^ *der ", path.read_text(encoding="utf-8"), re.MULTILINE))
-    row = [path.stem, str(states), "proved" if proved else "undecided"]
-    return [*row, f"{share} ({leaf})", on_time, young, command], proved, accepted
+    assert isinstance(module, TubeResult)
+    check, needs = module.check, noise_estimate(module.check, module.claims.box)
+    row = [path.stem, str(len(check.states)), "proved" if proved else "undecided"]
+    if needs is None:
+        return [*row, *"----"], proved, accepted
+    worst = f"{needs.share:.2g} ({check.problem.leaf_of_state(needs.worst)})"
+    shares = (f"{x:.2g}" for x in (needs.on_time, needs.young, needs.command))
+    return [*row, worst, *shares], proved, accepted
 
 
 def main(arguments: list[str]) -> None:

@@ -33,8 +33,6 @@ HOLDS, PIECES, FINE = 300, 4, 1024
 steps in which a part is solved."""
 SMALL = 1e-4
 """The step of a difference, as a share of the side of the box."""
-
-
 FAR = 50.0
 """A share beyond which SC does not hold its plant at all."""
 

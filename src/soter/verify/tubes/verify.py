@@ -233,7 +233,7 @@ def _advice_on_rest(check: TubeCheck, claims: RestClaims, *, ask: bool) -> str:
     if not claims.box:
         return ""
     needs, late = "", "".join(f"{what}, " for what in _what_delays_sc(check, tried))
-    if ask and (found := noise_estimate(check, claims.box)) is not None:
+    if ask and (found := noise_estimate(check, claims.box)) is not None and found.share > 0.0:
         needs = NEEDS.format(leaf=check.problem.leaf_of_state(found.worst), **found._asdict())
     return KEPT.format(needs, late)
 
