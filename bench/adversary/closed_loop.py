@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.native.cache import cached, digest
+from soter.native.cache import cached_folder, digest
 from soter.native.compiler import STRICT, compile_with, find_compiler
 from soter.native.shared_library import c_texts
 
@@ -149,7 +149,7 @@ def library() -> ct.CDLL:
         command = [*compiler.command, *flags, str(SOURCE), "-o", str(work / LOOP), "-lm"]
         compile_with(command, work, "the adversary's loop does not compile")
 
-    target = cached("adversary", content, (LOOP,), make) / LOOP
+    target = cached_folder("adversary", content, (LOOP,), make) / LOOP
     lib = ct.CDLL(str(target))
     lib.adversary_level.restype = lib.adversary_permitted.restype = ct.c_int
     return lib

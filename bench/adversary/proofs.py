@@ -22,7 +22,7 @@ from soter.verify import verify_module
 from soter.verify.claims.results import PROVED, Finding
 from soter.verify.grid.group_model import UnboundedError
 from soter.verify.problem.extract import extract
-from soter.verify.problem.inputs import errors_of
+from soter.verify.problem.inputs import errors_by_state
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -110,7 +110,7 @@ def armed(proof: Proof) -> Machine:
     with_tables(machine, [_tables(part) for part in case.groups])
     if module.shield:
         machine.c.shield, machine.c.toward = module.shield, module.toward
-        machine.c.acted = result.problem.times.acted // (module.tick_us * 1000)
+        machine.c.acted = result.problem.times.replaced_window // (module.tick_us * 1000)
     return machine
 
 
@@ -187,7 +187,7 @@ def written(proof: Proof, rng: np.random.Generator, *, hysteresis: float = 0.0) 
     free = np.transpose(part.free, order)
     edges = [np.array(part.group.axes[k].edges) for k in order]
     possible = np.transpose(engine.cells_maybe_true("safe"), order)
-    errors = errors_of(result.problem)
+    errors = errors_by_state(result.problem)
     spans = []
     for i, e in enumerate(edges):
         extra = errors.get(i, 0.0) * 1.001 + 1e-9

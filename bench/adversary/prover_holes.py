@@ -303,7 +303,7 @@ HOLES = (
         "measurement errors are ignored in ttf and safer",
         (
             (GridGroup, "truth_bits", _truth_without_errors),
-            (adversary_proofs, "errors_of", lambda _: {}),
+            (adversary_proofs, "errors_by_state", lambda _: {}),
         ),
         _noisy,
     ),

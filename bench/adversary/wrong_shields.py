@@ -180,7 +180,7 @@ def _acted(*, age: bool = True, acts: bool = True, untold: bool = True) -> Patch
         total += max(o.most for o in s.outputs) if acts else 0
         return total + (s.sc.period + s.latest_start_of_sc if untold else 0)
 
-    return ((Schedule, "acted", property(shorter)),)
+    return ((Schedule, "replaced_window", property(shorter)),)
 
 
 def _box(between: Any) -> Patches:  # noqa: ANN401
@@ -192,8 +192,15 @@ OF_PROVER = (
     OfProver("W without L", _acted(acts=False), out_of_step, table=False),
     OfProver("W without what is published late", _acted(untold=False), out_of_step, table=False),
     OfProver("W without A", _acted(age=False), late_and_old, table=False),
-    OfProver("W is zero", ((Schedule, "acted", property(lambda _: 0)),), late_to_act, table=False),
-    OfProver("errors are not subtracted", ((estimate_sets, "errors_of", lambda _: {}),), noisy),
+    OfProver(
+        "W is zero",
+        ((Schedule, "replaced_window", property(lambda _: 0)),),
+        late_to_act,
+        table=False,
+    ),
+    OfProver(
+        "errors are not subtracted", ((estimate_sets, "errors_by_state", lambda _: {}),), noisy
+    ),
     OfProver("H less L", _box(_sooner(lambda _: 19 * MS)), late_to_act),
     OfProver("H less the DM's period", _box(_sooner(lambda _: 40 * MS)), late_to_act),
     OfProver("H less A", _box(_sooner(lambda _: 40 * MS)), old_reads),

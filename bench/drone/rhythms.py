@@ -25,7 +25,7 @@ import numpy as np
 
 from soter.codegen.unit import generate
 from soter.language.front_end import check_file, system_of
-from soter.native.cache import cached, digest
+from soter.native.cache import cached_folder, digest
 from soter.native.compiler import STRICT, compile_with, find_compiler
 from soter.native.shared_library import CHECK_FAILED, KERNEL, RUNTIME, c_texts
 from soter.report.tables import table
@@ -90,7 +90,7 @@ def compiled(name: str) -> Path:
         command = [*compiler.command, *flags, f"-I{work}", f"-I{RUNTIME}", *sources]
         compile_with([*command, "-o", str(work / BUILT), "-lm"], work, "no rhythms")
 
-    return cached("rhythms", content, (BUILT,), make) / BUILT
+    return cached_folder("rhythms", content, (BUILT,), make) / BUILT
 
 
 def place(name: str) -> Place:

@@ -88,7 +88,7 @@ def compared(folder: Path, kind: dict[str, Any]) -> tuple[str, str, str, list[st
     element = IntType(0, LARGE) if kind["whole"] else FloatType()
     try:
         policy = load_policy(
-            binding.beside(folder), reads, [("act", ArrayType(element, acted.shape[1]))], None
+            binding.in_folder(folder), reads, [("act", ArrayType(element, acted.shape[1]))], None
         )
     except SoterError as error:
         (problem,) = error.diagnostics

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from cffi import FFI
 
-from soter.native.cache import cached, digest
+from soter.native.cache import cached_folder, digest
 from soter.native.compiler import STRICT, WARNINGS, compile_with, find_compiler
 from soter.native.shared_library import CHECK_FAILED, RUNTIME
 
@@ -38,7 +38,7 @@ def engine() -> tuple[Any, Any]:
         command = [*compiler.command, *flags, *map(str, sources), "-o", LIBRARY]
         compile_with(command, work, "the lease does not compile", ())
 
-    folder = cached("leases", digest(parts), (LIBRARY,), make)
+    folder = cached_folder("leases", digest(parts), (LIBRARY,), make)
     ffi = FFI()
     ffi.cdef(
         """

@@ -24,7 +24,7 @@ import soter
 from soter.native.extern_bindings import bind
 from soter.native.loaded_program import RunStatus
 from soter.report.tables import table
-from soter.simulate.externs.callables import callables
+from soter.simulate.externs.callables import load_callables
 from soter.simulate.externs.python_answers import ExternAnswers
 from soter.simulate.interrupt import StopRequest
 from soter.simulate.run import NativeProgram
@@ -66,7 +66,7 @@ class Driver:
 
     def __init__(self, system: str, path: Path = PROGRAM) -> None:
         bindings = bind(soter.load(path).flat(system), {})
-        self._bound = callables(bindings, "native", StopRequest())
+        self._bound = load_callables(bindings, "native", StopRequest())
         self.program = NativeProgram(bindings.system, core=bindings.core)
         assert bindings.system.until_ns is not None
         self.until_ns = bindings.system.until_ns
@@ -82,10 +82,10 @@ class Driver:
         while limit_ns < self.until_ns and not (episode["finished"] or episode["fell"]):
             limit_ns = min(limit_ns + SLICE * STEP_NS, self.until_ns)
             while True:
-                status, _, due = p.load().library.run(state, limit_ns)
+                status, _, due = p.load().library.run_until(state, limit_ns)
                 if status is RunStatus.END:
                     break
-                answers.answer(state, due)
+                answers.answer_step(state, due)
         return Episode(
             bool(episode["finished"]),
             bool(episode["fell"]),
@@ -174,14 +174,14 @@ class ExactMap:
         record = self._native.dtype
         views = self._state.view(record)
         self._car, self._topics = views["car"], views["topics"]
-        self._native.load().library.run(self._state, 0)
+        self._native.load().library.run_until(self._state, 0)
         self._now_ns = 0
 
     def step(self, x: float, v: float, force: float) -> tuple[float, float]:
         """The next x and v."""
         self._car["x"], self._car["v"], self._topics["force"] = x, v, force
         self._now_ns += STEP_NS
-        self._native.load().library.run(self._state, self._now_ns)
+        self._native.load().library.run_until(self._state, self._now_ns)
         return float(self._car["x"][0]), float(self._car["v"][0])
 
 

@@ -25,15 +25,15 @@ import numpy as np
 
 import soter
 from soter.campaign.batch_flights import EVENT, TO_AC, TO_SC
-from soter.campaign.statistics import garwood
+from soter.campaign.statistics import garwood_interval
 from soter.campaign.tables import (
     bound_text,
-    faults_explain,
     faults_table,
+    faults_text,
     interval_text,
     quoted_names,
     rate_unit,
-    verdict,
+    verdict_text,
 )
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -81,7 +81,7 @@ def beside_the_paper(campaign: Campaign, outside: Campaign) -> Iterator[str]:
         "simulated": f"{HOURS:g} h in Gazebo",
         "flown": f"about {KM:,.0f} km",
         "violations": f"{PAPERS_CRASHES} crashes",
-        "violations an hour aloft, 95 %": interval_text(*garwood(PAPERS_CRASHES, HOURS)),
+        "violations an hour aloft, 95 %": interval_text(*garwood_interval(PAPERS_CRASHES, HOURS)),
         "takeovers": f"{PAPERS_TAKEOVERS}",
         f"AC share, {MOTION}": "> 96 %",
     }
@@ -202,10 +202,10 @@ def judged(campaign: Campaign, flat: System) -> str:
     """What counts as a violation, and what came of it."""
     what = quoted_names([f"{p.kind} {p.text}" for p in flat.properties])
     r = campaign.result
-    text = faults_explain(r)
+    text = faults_text(r)
     because = f" {text[0].upper()}{text[1:]}." if r.violations and campaign.faults else ""
     return (
-        f"A violation of `{campaign.system}` is one of {what}: {verdict(r)} in "
+        f"A violation of `{campaign.system}` is one of {what}: {verdict_text(r)} in "
         f"{r.rate_hours:,.1f} h, "
         f"with 95 % confidence {bound_text(r)}.{because}"
     )

@@ -1,11 +1,13 @@
 """Robots with five and more states that hang together, drawn by people who did not build `rest`.
 
-    .venv/bin/python bench/tubes/drawn_robots.py            twelve, ten minutes
+    .venv/bin/python bench/tubes/drawn_robots.py            21 robots, twenty minutes
     .venv/bin/python bench/tubes/drawn_robots.py --only iris
 
-Purpose: each program of `drawn/` is verified as a user would, what is proved is re-checked, and the
-estimate of what noise needs of the declared rest (`verify/tubes/noise_estimate.py`) is printed. The
-head of each program names the source of its model.
+Purpose: each program of `drawn/` and `designed/` is verified as a user would, what is proved is
+re-checked, and the linear estimate of what the declared rest needs
+(`verify/tubes/noise_estimate.py`) is printed. The head of each program names the source of its
+model. Those of `drawn/` are as their authors drew them before they asked for a proof; authors of
+`designed/` changed rests, periods, gains and sensors until a robot was proved or their time ended.
 Non-goals: whether these robots are safe: their authors simulated 300 runs of each, and none left
 `safe`.
 """
@@ -21,7 +23,7 @@ import soter
 from soter.verify.tubes.noise_estimate import noise_estimate
 from soter.verify.tubes.verify import TubeResult
 
-DRAWN = Path(__file__).parent / "drawn"
+FOLDERS = [Path(__file__).parent / name for name in ("drawn", "designed")]
 
 
 def row_of(path: Path) -> tuple[list[str], bool, bool]:
@@ -36,10 +38,10 @@ def row_of(path: Path) -> tuple[list[str], bool, bool]:
     check, needs = module.check, noise_estimate(module.check, module.claims.box)
     row = [path.stem, str(len(check.states)), "proved" if proved else "undecided"]
     if needs is None:
-        return [*row, *"----"], proved, accepted
+        return [*row, *"-----"], proved, accepted
     worst = f"{needs.share:.2g} ({check.problem.leaf_of_state(needs.worst)})"
     shares = (f"{x:.2g}" for x in (needs.on_time, needs.young, needs.command))
-    return [*row, worst, *shares], proved, accepted
+    return [*row, worst, *shares, str(needs.back or "never")], proved, accepted
 
 
 def main(arguments: list[str]) -> None:
@@ -47,17 +49,18 @@ def main(arguments: list[str]) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", default="", help="robots whose name contains this")
     only = parser.parse_args(arguments).only
-    print(
-        "| robot | states | verdict | noise needs | commands on time | reads young | SC at ends |"
-    )
-    print("|---|---|---|---|---|---|---|")
-    rows = []
-    for path in sorted(p for p in DRAWN.glob("*.soter") if only in p.stem):
-        rows.append(row_of(path))
-        print(f"| {' | '.join(rows[-1][0])} |", flush=True)
-    print(f"drawn {len(rows)}")
-    print(f"proved {sum(proved for _, proved, _ in rows)}")
-    print(f"accepted {sum(accepted for *_, accepted in rows)}")
+    for folder in FOLDERS:
+        print(
+            f"\n| {folder.name} | states | verdict | noise needs | commands on time | reads young "
+            "| SC at ends | back after |\n|---|---|---|---|---|---|---|---|"
+        )
+        rows = []
+        for path in sorted(p for p in folder.glob("*.soter") if only in p.stem):
+            rows.append(row_of(path))
+            print(f"| {' | '.join(rows[-1][0])} |", flush=True)
+        print(f"robots {len(rows)}")
+        print(f"proved {sum(proved for _, proved, _ in rows)}")
+        print(f"accepted {sum(accepted for *_, accepted in rows)}")
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from soter.codegen.unit import generate
 from soter.language.elaborate.derived_systems import faultless
 from soter.language.front_end import check_file, system_to_prove
 from soter.language.model.types import leaves
-from soter.native.cache import cached, digest
+from soter.native.cache import cached_folder, digest
 from soter.native.compiler import compile_with, find_compiler
 from soter.native.shared_library import CHECK_FAILED, KERNEL, RUNTIME, c_texts, library_flags
 from soter.verify.deploy.missing_predicates import install_predicates, rest_claims
@@ -234,7 +234,7 @@ static void behind_gate(const double *u_in, const double *until) {{
         """Conditions all of which hold in C, those of `safe` first."""
         if not hasattr(self, "_found"):
             self.make.rates()
-            self._found = _parts(self.make.constraint())
+            self._found = _parts(self.make.constraint_condition())
         return self._found
 
     def _safes(self) -> int:
@@ -421,7 +421,7 @@ def config_of(module: Module) -> Config:
     c.steps = _constant(module, "STEPS")
     c.within = p.within_ns
     c.any_for = tubes.any_command if p.module.shield is not None else -1
-    errors = check.errors()
+    errors = check.error_by_state()
     for i in range(len(p.quantities.states)):
         c.error[i] = errors.get(i, 0.0)
         first = p.initial[i]
@@ -476,4 +476,4 @@ def _built(module: Module, optimise: str) -> Path:
         ]  # fmt: skip
         compile_with(command, folder, "the loop of an adversary does not compile")
 
-    return cached("attacks", key, (LIBRARY,), build) / LIBRARY
+    return cached_folder("attacks", key, (LIBRARY,), build) / LIBRARY

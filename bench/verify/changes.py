@@ -57,7 +57,7 @@ def given(problem: Problem) -> str:
     plain += [f"{axis!r}" for group in problem.groups for axis in group.axes]
     if isinstance(problem, TubeProblem):
         made = [
-            TubeCheck(p).offline_text({}) + repr(TubeTimes.of(p))
+            TubeCheck(p).offline_text({}) + repr(TubeTimes.of_problem(p))
             for p in problem.plans or [problem]
         ]
     elif isinstance(problem, InductionProblem):

@@ -25,7 +25,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
 from generators.simulated_thread import Job, at_worst, busy, drawn, simulate, turn  # noqa: E402 - as above
-from soter.timing.trusted_thread import Analysis, Task, analyse  # noqa: E402 - needs the path
+from soter.timing.trusted_thread import Analysis, Task, analyse_thread  # noqa: E402 - needs the path
 
 LOW, HIGH = 0.6, 1.0
 BANDS = ((0.6, 0.7), (0.7, 0.8), (0.8, 0.9), (0.9, 1.01))
@@ -52,7 +52,7 @@ def drawn_between(rng: random.Random) -> list[Job]:
 def analysed(jobs: list[Job], hidden: str) -> Analysis:
     """What Soter says of a set."""
     tasks = [Task(str(k), j.every, j.offset, j.cost, j.hold, j.due) for k, j in enumerate(jobs)]
-    return analyse([HIDDEN[hidden](t) for t in tasks])
+    return analyse_thread([HIDDEN[hidden](t) for t in tasks])
 
 
 def misses(rng: random.Random, jobs: list[Job], executions: int) -> bool:

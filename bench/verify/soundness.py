@@ -363,7 +363,7 @@ def claims_of(p: RandomProblem) -> tuple[Claims | None, str]:
         case = claims.open_case(problem, library, problem.groups, (), None)
         if not (claims.compute_constraint(case) and claims.compute_core(case)):
             return None, "; ".join(f.text for f in case.failures)
-        claims.compute_free_phase(case)
+        claims.compute_free_states(case)
         claims.compute_levels(case)
     except SoterError as error:
         return None, "; ".join(d.message for d in error.diagnostics)

@@ -72,7 +72,7 @@ def problem_of(text: str) -> Problem:
 
 def kept(problem: Problem) -> tuple[GridGroup, NDArray[np.bool_]]:
     """The engine, and K."""
-    engine = GridGroup.of(library_of(problem)[0], problem, problem.groups[0])
+    engine = GridGroup.for_group(library_of(problem)[0], problem, problem.groups[0])
     return engine, engine.compute_core(engine.compute_constraint()).cells
 
 

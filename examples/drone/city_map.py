@@ -17,15 +17,15 @@ from city_shapes import box_outline, height_levels, join, tube_outline, window
 from soter.report.run.figure_parts import (
     AC_COLOUR,
     SC_COLOUR,
-    arm_group,
     axis_style,
     decision_hover,
     event_place,
     flight_indices,
     giveback_dot,
     givebacks,
+    group_of_arm,
     line_style,
-    rows_of_controller,
+    rows_flown_by,
     shared_layout,
     takeover_dot,
     takeovers,
@@ -204,7 +204,7 @@ def _trajectory(flight: Flight, dash: str) -> list[Json]:
     )
     traces: list[Json] = []
     for ac, who, colour in ((True, "AC", AC_COLOUR), (False, "SC", SC_COLOUR)):
-        part = rows_of_controller(rows, flight.in_control[chosen], ac=ac)
+        part = rows_flown_by(rows, flight.in_control[chosen], ac=ac)
         if len(part) == 0:
             continue
         details = [rounded_numbers(part[:, column]) for column in (3, 2, 4, 5)]
@@ -218,7 +218,7 @@ def _trajectory(flight: Flight, dash: str) -> list[Json]:
                 "meta": who,
                 "hovertemplate": f"<b>{escape(flight.title)}</b><br>{FLIGHT_HOVER}",
                 "line": line_style(colour, 2.4, dash),
-                "group": arm_group(flight.name),
+                "group": group_of_arm(flight.name),
             }
         )
     return traces
@@ -226,7 +226,7 @@ def _trajectory(flight: Flight, dash: str) -> list[Json]:
 
 def _events(flight: Flight) -> list[Json]:
     """Draw red dots, green dots and crosses, above every line."""
-    group = arm_group(flight.name)
+    group = group_of_arm(flight.name)
     traces = [
         _decision_marks(flight, givebacks(flight.decisions), giveback_dot(), group),
         _decision_marks(flight, takeovers(flight.decisions), takeover_dot(), group),

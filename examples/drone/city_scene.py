@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.report.run.figure_parts import arm_group
+from soter.report.run.figure_parts import group_of_arm
 
 if TYPE_CHECKING:
     import numpy as np
@@ -66,4 +66,4 @@ class Scene:
 
 def plans_group(name: str, *, refused: bool) -> str:
     """Return the groups of an arm's plans: they go with their arm, and with all plans."""
-    return f"{arm_group(name)} {REFUSED_GROUP if refused else PLAN_GROUP}"
+    return f"{group_of_arm(name)} {REFUSED_GROUP if refused else PLAN_GROUP}"

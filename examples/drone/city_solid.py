@@ -26,12 +26,12 @@ from city_shapes import (
 from soter.report.run.figure_parts import (
     AC_COLOUR,
     SC_COLOUR,
-    arm_group,
     decision_hover,
     event_place,
     flight_indices,
     givebacks,
-    rows_of_controller,
+    group_of_arm,
+    rows_flown_by,
     shared_layout,
     takeovers,
     violation_hover,
@@ -190,7 +190,7 @@ def _trajectory(flight: Flight) -> list[Json]:
     )
     traces: list[Json] = []
     for ac, who, colour in ((True, "AC", AC_COLOUR), (False, "SC", SC_COLOUR)):
-        part = rows_of_controller(rows, flight.in_control[chosen], ac=ac)
+        part = rows_flown_by(rows, flight.in_control[chosen], ac=ac)
         if len(part) == 0:
             continue
         details = [rounded_numbers(part[:, column]) for column in (3, 2, 4, 5)]
@@ -201,7 +201,7 @@ def _trajectory(flight: Flight) -> list[Json]:
                 "meta": who,
                 "hovertemplate": f"<b>{escape(flight.title)}</b><br>{FLIGHT_HOVER}",
                 "hoverinfo": "all",
-                "group": arm_group(flight.name),
+                "group": group_of_arm(flight.name),
             }
         )
     return traces
@@ -227,7 +227,7 @@ def _events(flight: Flight) -> list[Json]:
             {"symbol": "x", "size": 6, "color": "@violation"},
         ),
     )
-    group = arm_group(flight.name)
+    group = group_of_arm(flight.name)
     return [_marks(places, texts, marker, group) for places, texts, marker in kinds if places]
 
 

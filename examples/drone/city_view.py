@@ -16,7 +16,7 @@ from city_scene import PLAN_GROUP, REFUSED_GROUP, TUBE_GROUP
 from city_solid import city_solid
 from city_thumbnail import flight_thumbnail
 
-from soter.report.run.figure_parts import arm_group, figure_place, legend
+from soter.report.run.figure_parts import figure_place, group_of_arm, legend
 from soter.report.wording import prose
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ def _switches(scene: Scene, flights: Sequence[Flight]) -> str:
         on = on[:1]
     dashes = dash_of(flights)
     buttons = [
-        f'<button type="button" data-group="{escape(arm_group(flight.name))}" '
+        f'<button type="button" data-group="{escape(group_of_arm(flight.name))}" '
         f'aria-pressed="{str(flight in on).lower()}">'
         f'<i class="sample {dashes[flight.name]}"></i>{escape(flight.title)}</button>'
         for flight in flights

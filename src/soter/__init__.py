@@ -1,7 +1,7 @@
 """Soter: a runtime-assurance framework for robots.
 
-`soter.load("drone.soter")` gives a `Program`; what it can do stands in `api/`. Nothing
-is imported before it is used: `import soter` costs next to nothing.
+`soter.load("drone.soter")` gives a `Program`; `api/` has its methods. Modules are imported only
+when they are used, so `import soter` takes almost no time.
 
 `addons.py` is the table of add-ons, and imports one when somebody uses it; `version.py` has the
 version; `__main__.py` is the command line, as `python -m soter`.

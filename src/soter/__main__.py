@@ -1,4 +1,4 @@
-"""`python -m soter`: the same as the command `soter`.
+"""Runs the command `soter` as `python -m soter`.
 
 Purpose: a command line where the script `soter` is not on the path.
 Non-goals: the commands (`cli/`).
@@ -10,7 +10,7 @@ import os
 import sys
 
 if __name__ == "__main__" and sys.path[:1] == [os.getcwd()]:  # noqa: PTH109 - text
-    del sys.path[0]  # `python -m` looks for everything in the current folder first
+    del sys.path[0]  # `python -m` puts the current folder first
 
 from soter.cli.main import main
 

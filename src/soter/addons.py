@@ -1,8 +1,8 @@
 """The add-ons beside the core, and how the core finds them.
 
 Purpose: the table of add-ons. The core imports no module of them (`.importlinter`): it imports one
-by name when somebody uses it (`by_name`), and works without them otherwise.
-Non-goals: entry points, which a checkout without metadata has not.
+by name when it is used (`load_module`), and works without them otherwise.
+Non-goals: entry points, which a checkout without metadata does not have.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 
 @dataclass(frozen=True)
 class AddOn:
-    """Packages and modules of one add-on; `needs`: other add-ons that they import."""
+    """An add-on: its packages and modules (`parts`), and the other add-ons that these import."""
 
     parts: tuple[str, ...]
     needs: tuple[str, ...] = ()
@@ -64,13 +64,13 @@ def add_on_of(module: str) -> str | None:
     )
 
 
-def by_name(module: str) -> Any:  # noqa: ANN401 - whoever asks says what it has
-    """A module, of an add-on perhaps; SoterError D007 where that add-on is not installed."""
+def load_module(module: str) -> Any:  # noqa: ANN401 - the caller knows its names
+    """Imports a module of the core or of an add-on; SoterError D007 if the add-on is missing."""
     try:
         return import_module(module)
     except ModuleNotFoundError as error:
         missing = add_on_of(error.name or "")
         if missing is None:
             raise
-        what = f"`{module}` is part of the add-on `{missing}`, which is not installed"
-        raise SoterError((Diagnostic("D007", what),)) from error
+        message = f"`{module}` is part of the add-on `{missing}`, which is not installed"
+        raise SoterError((Diagnostic("D007", message),)) from error

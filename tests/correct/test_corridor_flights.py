@@ -81,7 +81,7 @@ def test_the_re_checker_confirms_samples_of_every_view(
         for _ in range(BLOCKS):
             low = [int(draw.integers(n)) for n in grid.shape]
             at = tuple((a, min(a + 3, n)) for a, n in zip(low, grid.shape, strict=True))
-            yield partial(grid_group._failure, what, grid, show, at), 1.0
+            yield partial(grid_group._failure_in_block, what, grid, show, at), 1.0
 
     monkeypatch.setattr(grid_group, "block_tasks", some)
     monkeypatch.setattr(ChainCheck, "leads_in_parts", lambda *_: False)

@@ -23,12 +23,12 @@ from generators.engine_comparison import subject
 from generators.random_programs import program
 from generators.shipped_programs import ROOT, subjects_of
 from long_tests import examples, seeds, some
-from soter.api.deploy.host_replay import recorded_inputs, recording_text, replayed_sha256
+from soter.api.deploy.host_replay import recorded_inputs, recording_text, sha256_of_replay
 from soter.core.steps import lower
 from soter.diagnostics.diagnostic import SoterError
 from soter.simulate.run import NativeProgram, run_interpreted
 from soter.targets.cortex_m_board import SOFT, Replay, parsed_board, read_board
-from soter.targets.cortex_m_image import COUNTS, build_image, missing_tools
+from soter.targets.cortex_m_image import COUNTS, build_image, missing_tool
 from soter.targets.cortex_m_package import cortex_m_package
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ def board(request: pytest.FixtureRequest) -> Board:
 def wanted(name: str) -> Board:
     """A board for which an image can be made and run; else the test says what is missing."""
     found = read_board(name)
-    missing = missing_tools(found)
+    missing = missing_tool(found)
     if not missing and shutil.which("qemu-system-arm") is None:
         missing = "there is no `qemu-system-arm`"
     if missing:
@@ -193,8 +193,8 @@ def test_another_recording_has_the_trace_of_the_host_too(name: str, tmp_path: Pa
     nan = struct.pack("<dd", float("nan"), 0.0)
     moved[50::100] = [(time, topic, nan) for time, topic, _ in moved[50::100]]
     (package.folder / "recording.txt").write_text(recording_text(moved))
-    here = replayed_sha256(NativeProgram(system), moved, UNTIL_NS, 1)
-    assert here != replayed_sha256(NativeProgram(system), own, UNTIL_NS, 1)
+    here = sha256_of_replay(NativeProgram(system), moved, UNTIL_NS, 1)
+    assert here != sha256_of_replay(NativeProgram(system), own, UNTIL_NS, 1)
     done = make(package.folder, "run", f"TRACE={here}", f"UNTIL_NS={UNTIL_NS}")
     assert "the same trace as on the host" in done.stdout
 

@@ -58,11 +58,11 @@ def test_a_distance_has_the_sign_of_its_predicate(file: str) -> None:
     flat_ = load(EXAMPLES / file).flat()
     chance = random.Random(seed_of(7))  # noqa: S311
     for module in flat_.modules:
-        evaluator = Evaluator.of(module.scope)
+        evaluator = Evaluator.for_scope(module.scope)
         for predicate in module.symbol.predicates:
             margin, truth = (
-                PredicateMargins(evaluator).of(predicate),
-                evaluator.expression(predicate),
+                PredicateMargins(evaluator).distance_of(predicate),
+                evaluator.compiled(predicate),
             )
             both = set()
             for _ in range(examples(300)):
@@ -105,11 +105,14 @@ def test_no_read_nearer_than_the_distance_decides_otherwise(tmp_path: Path) -> N
     flat_ = program.flat()
     module = flat_.modules[0]
     at = flat_.topic("seen").index
-    evaluator = Evaluator.of(module.scope)
+    evaluator = Evaluator.for_scope(module.scope)
     chance = random.Random(seed_of(3))  # noqa: S311
     tried = 0
     for predicate in module.symbol.predicates:
-        margin, truth = PredicateMargins(evaluator).of(predicate), evaluator.expression(predicate)
+        margin, truth = (
+            PredicateMargins(evaluator).distance_of(predicate),
+            evaluator.compiled(predicate),
+        )
         for _ in range(examples(400)):
             x, y = chance.uniform(-2.0, 11.0), chance.uniform(-1.0, 4.0)
             n, b = chance.randint(0, 4), chance.random() < 0.5

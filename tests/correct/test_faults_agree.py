@@ -443,7 +443,7 @@ def expected(flat: System, seed: int, until: int) -> dict[int, int]:
     c = flat.component("N")
     low, high = c.takes_ns or (0, 0)
     longer = [f for f in flat.faults if f.kind == "overrun"]
-    moved = [f for f in flat.faults if f.of_time]
+    moved = [f for f in flat.faults if f.changes_releases]
     step_by_time, busy, steps = {}, -1, 0
     for k in range(until // c.period_ns + 1):
         t = actual_release_ns(flat, moved, c, seed, k)

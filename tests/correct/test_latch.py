@@ -473,7 +473,7 @@ def test_the_example_is_proved_and_deployed(
     assert set(said.values()) == {"proved"}
     report = recheck(tmp_path / "cert")
     assert report.accepted
-    assert report.returns
+    assert report.has_return
     told = ["--system", "Vehicle", "--cert", str(tmp_path / "cert"), "--target", "posix"]
     assert main(["build", str(EXAMPLE), *told, "-o", str(tmp_path / "package")]) == 0
     assert "inherits  Guard" in capsys.readouterr().out

@@ -11,7 +11,7 @@ import pytest
 
 import soter
 from soter.cli.main import main
-from soter.policy.network import last_layer
+from soter.policy.network import last_layer_numbers
 from soter.policy.sb3_file import read_sb3
 from soter.policy.soter_source import error_bound
 
@@ -53,6 +53,6 @@ def test_the_function_is_the_file_within_its_bound(here: Path) -> None:
     assert len(compared) > 500
     for now in compared[:1000]:
         x = np.array([*motion[now], goal[now]])
-        single = float(last_layer(network, x.astype(np.float32))[0])
+        single = float(last_layer_numbers(network, x.astype(np.float32))[0])
         bound = float(error_bound(network, x, x)[0])
         assert abs(sent[now] - single) <= bound < 0.01

@@ -86,7 +86,7 @@ def interfaces(tmp_path_factory: pytest.TempPathFactory) -> Path:
     wanted = [t["type"] for t in MAPPING["topics"].values()]
     used = ["diagnostic_msgs/DiagnosticArray", "builtin_interfaces/Time", "rosgraph_msgs/Clock"]
     for name in [*wanted, *used, "std_msgs/String"]:
-        message = types.named(str(name))
+        message = types.type_named(str(name))
         write_definitions(message.ros2, message, folder / "msg", done)
     for package in sorted(p.name for p in (folder / "msg").iterdir()):
         files = sorted(f"msg/{p.name}" for p in (folder / "msg" / package / "msg").iterdir())

@@ -27,7 +27,7 @@ from soter.native.shared_library import CHECK_FAILED
 from soter.verify.deploy import missing_predicates, shield_tables
 from soter.verify.deploy.missing_predicates import complete
 from soter.verify.grid import estimate_sets
-from soter.verify.problem.inputs import errors_of
+from soter.verify.problem.inputs import errors_by_state
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -215,7 +215,9 @@ def test_a_table_that_forgets_errors_of_estimates_is_rejected(
 ) -> None:
     (tmp_path / "small.soter").write_text(SMALL.replace("within 0.01", "within 0.05"))
     monkeypatch.setattr(
-        estimate_sets, "errors_of", lambda problem: dict.fromkeys(errors_of(problem), 0.0)
+        estimate_sets,
+        "errors_by_state",
+        lambda problem: dict.fromkeys(errors_by_state(problem), 0.0),
     )
     soter.load(tmp_path / "small.soter").verify(cert=tmp_path / "cert", refute=False)
     assert not soter.recheck(tmp_path / "cert").accepted

@@ -58,7 +58,7 @@ def test_what_a_node_in_the_instant_of_sc_holds_back_still_counts(tmp_path: Path
     assert soter.recheck(tmp_path / "cert").accepted
     times = report["Keep"].problem.times
     late, period = times.schedule.latest_start_of_sc, times.delta_sc
-    assert times.acted == times.schedule.age_dm + times.acts + period + late + 2_000_000
+    assert times.replaced_window == times.schedule.age_dm + times.acts + period + late + 2_000_000
 
 
 def test_a_controller_between_module_and_plants_is_refused_twice(

@@ -92,7 +92,7 @@ class Reader:
     def __init__(self, path: Path, tables: Any, run: soter.Run) -> None:
         self.tables = tables
         flat = system_of(check_file(str(path)), "Track")
-        self.window_ns = extract(flat, flat.modules[0]).times.acted + 1_000
+        self.window_ns = extract(flat, flat.modules[0]).times.replaced_window + 1_000
         self.at_ns = run.require_trace()["header"]["ct"].astype(np.int64)
         self.accel, self.proposed = run.array("accel"), run.array("Shielded.proposed")
         self.x, self.v = run.array("motion.x"), run.array("motion.v")
@@ -349,7 +349,7 @@ def held_judged(builder: Any, component: Any, outputs: Any) -> None:
     _judges(builder, component, ())
 
 
-_judges = steps._judge
+_judges = steps._emit_guard
 
 
 @pytest.mark.parametrize("wrong", [unjudged, held_judged])
@@ -360,7 +360,7 @@ def test_c_that_does_not_judge_what_it_moved_is_noticed(
     monkeypatch.setattr(shield_tables, "moved_commands", full)
     path = written(tmp_path, "publish accel = 0.5;", TOWARD)
     assert not differ(path)
-    monkeypatch.setattr(steps, "_judge", wrong)
+    monkeypatch.setattr(steps, "_emit_guard", wrong)
     assert differ(path)
 
 

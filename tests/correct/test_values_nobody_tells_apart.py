@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from generators.brute_force import Found
-    from soter.language.elaborate.passes.stand_ins import _Values
+    from soter.language.elaborate.passes.stand_ins import _TriedValues
     from soter.language.model.system import Module, Scope, StandIn
 
 CHUNKS = 4
@@ -35,7 +35,7 @@ MOST = 5_000
 
 
 def _step_of_few(
-    published: dict[typed.TopicSymbol, _Values], by: StandIn
+    published: dict[typed.TopicSymbol, _TriedValues], by: StandIn
 ) -> Iterator[typed.TypedStmt]:
     """The step of a stand-in, refused where it tries every value."""
     if any(v.read is None for v in published.values()):
@@ -43,7 +43,7 @@ def _step_of_few(
     yield from STEP(published, by)
 
 
-STEP = stand_ins._step_of
+STEP = stand_ins._statements_of_step
 
 
 def both(seed: int, monkeypatch: pytest.MonkeyPatch) -> tuple[Found, Found] | None:
@@ -54,7 +54,7 @@ def both(seed: int, monkeypatch: pytest.MonkeyPatch) -> tuple[Found, Found] | No
     except TooLargeError:
         return None
     with monkeypatch.context() as patched:
-        patched.setattr(stand_ins, "_step_of", _step_of_few)
+        patched.setattr(stand_ins, "_statements_of_step", _step_of_few)
         few = enumerated(seed, program.text(stated=False), MOST).found
     return every, few
 
@@ -121,7 +121,7 @@ def _forgets(op: str) -> Patch:
 
 
 def _not_between(m: pytest.MonkeyPatch) -> None:
-    m.setattr(distinguishable_values, "_between", lambda *ends: ends[0])
+    m.setattr(distinguishable_values, "_number_between", lambda *ends: ends[0])
 
 
 def _not_turned(m: pytest.MonkeyPatch) -> None:

@@ -18,7 +18,7 @@ import pytest
 
 from soter.explore.assumptions import replacements_in_test
 from soter.explore.command import TraceHeader, explore_test
-from soter.explore.results import EXHAUSTED, VIOLATED, wholes
+from soter.explore.results import EXHAUSTED, VIOLATED, wholes_by_parts
 from soter.explore.search_options import SearchOptions
 from soter.language.front_end import check_file, system_of_test
 
@@ -258,7 +258,7 @@ def test_the_right_program_is_clean(robots: Robots) -> None:
     text = robots.file.read_text(encoding="utf-8")
     results = explored(robots.file, text, ())
     assert {r.name: r.verdict for r in results} == {r.name: EXHAUSTED for r in results}
-    (whole,) = wholes(results)
+    (whole,) = wholes_by_parts(results)
     assert not whole.missing
 
 
@@ -277,13 +277,13 @@ def test_what_is_said_of_the_whole_needs_every_part_clean() -> None:
     names = tuple(check_file(str(DELIVERY.file), short).tests)
     results = explored(DELIVERY.file, short, names)
     assert [r.verdict for r in results] == [EXHAUSTED for _ in names]
-    (whole,) = wholes(results)
+    (whole,) = wholes_by_parts(results)
     assert not whole.missing
     assert whole.horizon_ns == 30_000_000
     assert not whole.assumed, "who is replaced by a plant is heard by nobody"
-    (some,) = wholes(results[1:3])
+    (some,) = wholes_by_parts(results[1:3])
     assert any("runs as it is in no test" in why for why in some.missing)
     results[1].verdict = VIOLATED
-    (broken,) = wholes(results)
+    (broken,) = wholes_by_parts(results)
     assert "Fenced0 is not exhausted and clean" in broken.missing
     assert "not shown as a whole" in broken.text

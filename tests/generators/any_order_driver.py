@@ -166,7 +166,7 @@ def first_disagreement(s: Subject, library: Path, steps: int) -> str | None:
             native.fire(due)
             replay.load(native.asked())
             c, event = interpreter.fire(replace(c, ct=ct, FN=(due,)), due)
-            record.note(event, ct)
+            record.note_event(event, ct)
             what = f"{n.role} {n.name}"
         other = np.frombuffer(state_bytes(s.system, s.layout, c, record, s.seed), dtype=np.uint8)
         words = _difference(s, native.state, other)

@@ -80,7 +80,7 @@ class Answers:
         middle = 0.0 if low <= 0.0 <= high else low + (high - low) / 2
         return (middle, low, high)[self.choice(stream, index, 3)]
 
-    def leaf(self, t: Type, bound: Bound | None, stream: str, index: int) -> Value:
+    def leaf_value(self, t: Type, bound: Bound | None, stream: str, index: int) -> Value:
         """Any value of a bool, an enum or an int; of a float as above."""
         if isinstance(t, BoolType):
             return bool(self.choice(stream, index, 2))
@@ -574,7 +574,7 @@ def _put(values: tuple[Any, ...], index: int, value: object) -> tuple[Any, ...]:
 
 
 def _condition(scope: Scope, e: typed.TypedExpr | None) -> Callable[[Environment], Value]:
-    return (lambda _env: True) if e is None else Evaluator.of(scope).expression(e)
+    return (lambda _env: True) if e is None else Evaluator.for_scope(scope).compiled(e)
 
 
 # ---------------------------------------------------------------- calendars

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 import processes
 import soter
 from soter.api.deploy.building import built_image, stack_bound
-from soter.native.cache import cached, digest
+from soter.native.cache import cached_folder, digest
 from soter.native.compiler import find_compiler
 
 if TYPE_CHECKING:
@@ -99,7 +99,7 @@ def made_or_kept(
                 if before.get(name) != sha256 and wanted(folder / name):
                     tar.add(folder / name, name)
 
-    at = cached(kind, digest(parts), (MADE, SAID), build)
+    at = cached_folder(kind, digest(parts), (MADE, SAID), build)
     with tarfile.open(at / MADE) as tar:
         for member in tar:
             file = tar.extractfile(member)

@@ -16,7 +16,7 @@ import processes
 from soter.codegen.unit import Unit, generate
 from soter.core.layout import StateLayout, state_dtype, state_layout
 from soter.language.front_end import check_file, system_of
-from soter.native.cache import SOTER, cached, digest
+from soter.native.cache import SOTER, cached_folder, digest
 from soter.native.compiler import STRICT, WARNINGS, find_compiler
 from soter.native.loaded_program import Library, RunStatus
 from soter.native.shared_library import (
@@ -157,7 +157,7 @@ def compile_library(subjects: list[Subject], folder: Path, optimise: str) -> Pat
         call_compiler(folder, *shared, str(source), *map(str, kernel), "-lm")
 
     content = digest((find_compiler().identity, *flags, *own, *headers))
-    return cached("compared", content, (LIBRARY,), make) / LIBRARY
+    return cached_folder("compared", content, (LIBRARY,), make) / LIBRARY
 
 
 def native_trace(library: Path, s: Subject) -> Bytes:
@@ -169,7 +169,7 @@ def native_trace(library: Path, s: Subject) -> Bytes:
     status = RunStatus.FULL
     while status is RunStatus.FULL:
         room = np.zeros((2000, size), dtype=np.uint8)
-        status, written, _ = loaded.run(state, s.until_ns, room)
+        status, written, _ = loaded.run_until(state, s.until_ns, room)
         parts.append(room[:written].copy())
     assert status is RunStatus.END
     return np.concatenate(parts)

@@ -121,7 +121,7 @@ def _one(s: Small, engine: Engine, how: EngineSettings, told: Compared) -> None:
     if all_of_it.status != wanted:
         told.complaints.append(f"{name}, going on: {all_of_it.status}, not {wanted}")
     decoder = Decoder(s.judge, engine.plan)
-    worlds = [decoder.world(w.tobytes()) for w in engine.configurations()]
+    worlds = [decoder.world(w.tobytes()) for w in engine.stored_configurations()]
     stored = [s.judge.canonical(w) for w in worlds]
     if how.threads == 1 and not how.plainly:
         told.states[how.reduction] = len(stored)
@@ -210,9 +210,9 @@ def _as_a_user(s: Small, told: Compared) -> None:
 
 def _joined(s: Small, engine: Engine, told: Compared) -> None:
     """Parts that properties join: the same verdict, and an execution that breaks what it says."""
-    if not ComposedSearch.can_search(engine, EngineSettings()) or engine.violated_at_start():
+    if not ComposedSearch.can_search(engine, EngineSettings()) or engine.is_violated_at_start():
         return
-    outcomes = ComposedSearch(engine, EngineSettings(), None).run(math.inf)
+    outcomes = ComposedSearch(engine, EngineSettings(), None).search_parts(math.inf)
     if outcomes is None:
         return
     told.joined = True
@@ -243,7 +243,7 @@ def _least(s: Small, engine: Engine, told: Compared) -> None:
     """
     for (what, index), moves in s.found.shortest_to().items():
         broken = (WHAT.index(what), index)
-        least = engine.least(EngineSettings(), broken)
+        least = engine.find_shortest_trace(EngineSettings(), broken)
         if least.status != "violated":
             told.complaints.append(f"least trace to {what} {index}: {least.status}")
             continue

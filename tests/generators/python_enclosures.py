@@ -44,9 +44,9 @@ from soter.verify.enclose.enclosure_emitter import (
     Item,
     Sequence,
     address,
+    as_parts,
     function_body,
     names_in,
-    opened,
     result_statement,
 )
 
@@ -148,10 +148,10 @@ def enclosure(
     body = EnclosureBody(emitter, functions, no_cell, prelude)
     places = iter(range(INPUTS))
     arguments = tuple(_argument(ops, p.type, places) for p in function.parameters)
-    result = body.call(function, arguments)
+    result = body.result_of(function, arguments)
     out: list[c.CStmt] = []
     for v in _flat(result):
-        form = ops.form(v if kind_of(v) == "form" else ops.to_float(v))
+        form = ops.form_of(v if kind_of(v) == "form" else ops.float_of_int(v))
         out.append(result_statement(len(out), form))
     whole = function_body(emitter.block, emitter.reads, out)
     types = tuple(t for p in function.parameters for t in scalars(p.type))
@@ -170,7 +170,7 @@ def _argument(ops: EnclosureOperations, t: Type, places: Iterator[int]) -> Item:
         return Sequence(length, tuple(_argument(ops, t.element, places) for _ in range(t.capacity)))
     number = next(places)
     if isinstance(t, FloatType):
-        return Form(ops.emitter.read(number))
+        return Form(ops.emitter.input_variable(number))
     place = c.IndexExpr(c.Name("in"), c.Number(str(number)))
     if t == BOOL:
         return EmittedTruth(ops.emitter.emit("truth", "soter_truth_input", address(place)))
@@ -185,7 +185,7 @@ def _members(t: Type) -> int:
 
 
 def _flat(v: Item) -> Iterator[Item]:
-    v = opened(v) if isinstance(v, Constant) else v
+    v = as_parts(v) if isinstance(v, Constant) else v
     if isinstance(v, AggregateParts):
         for x in v.items:
             yield from _flat(x)
@@ -230,7 +230,7 @@ class Compiled:
             set_input(forms[i], i, low, high)
         return forms
 
-    def call(self, e: Enclosure, forms: Any) -> tuple[Any, int]:
+    def result_of(self, e: Enclosure, forms: Any) -> tuple[Any, int]:
         """The result's forms, and whether a fault is possible."""
         out = self.ffi.new("soter_form[]", max(1, leaf_count(e.result)))
         fault = getattr(self.library, e.name)(forms, self.ffi.NULL, out)

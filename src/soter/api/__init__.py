@@ -86,8 +86,8 @@ LATER = {
 ALL = "SOTER_TRACEBACK"
 
 
-def _shown_lines(error: SoterError) -> list[str]:
-    """The lines that Python and IPython show for a SoterError that nobody caught."""
+def _error_lines(error: SoterError) -> list[str]:
+    """The lines that Python and IPython show for a SoterError that was not caught."""
     from soter.diagnostics.render import traceback_lines  # noqa: PLC0415 - only then
 
     return traceback_lines(error)
@@ -97,10 +97,10 @@ def _print(kind: type[BaseException], error: BaseException, trace: TracebackType
     if not isinstance(error, SoterError) or os.environ.get(ALL) or sys.stderr is None:
         sys.__excepthook__(kind, error, trace)
         return
-    print("\n".join(_shown_lines(error)), file=sys.stderr)
+    print("\n".join(_error_lines(error)), file=sys.stderr)
 
 
-setattr(SoterError, "_render_traceback_", _shown_lines)  # noqa: B010 - IPython asks for that name
+setattr(SoterError, "_render_traceback_", _error_lines)  # noqa: B010 - IPython asks for that name
 if sys.excepthook is sys.__excepthook__:  # else another package shows errors
     sys.excepthook = _print
 

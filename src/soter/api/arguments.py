@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 def time_ns(name: str, time: float | str | None) -> int | None:
-    """The time that a caller gave as `name`, in ns; None if none; `SoterError` U001."""
+    """The time that a caller gave for argument `name`, in ns; None without one; SoterError U001."""
     if time is None:
         return None
     try:
@@ -38,8 +38,8 @@ def time_ns(name: str, time: float | str | None) -> int | None:
         raise mistake("U001", f"`{name}` cannot be `{str(time)[:40]}`: {error}") from error
 
 
-def end_ns(system: System, until: float | str | None) -> int:
-    """The end of a run in ns, by `until` or by the system; `SoterError` U001 if neither says it."""
+def run_end_ns(system: System, until: float | str | None) -> int:
+    """The end of a run in ns, from `until` or the system; `SoterError` U001 if neither has one."""
     from soter.simulate.run_options import until_ns  # noqa: PLC0415 - see `soter.api`
 
     if until is not None:
@@ -54,7 +54,7 @@ def end_ns(system: System, until: float | str | None) -> int:
 
 
 def chosen_modules(flat: System, module: str | None) -> list[Module]:
-    """The modules with this full or declared name, or all; `SoterError` U001 if there are none."""
+    """The modules of this full or declared name, by default all; `SoterError` U001 if none."""
     modules = [m for m in flat.modules if module is None or module in (m.name, m.symbol.name)]
     if not modules:
         names = ", ".join(f"`{m.name}`" for m in flat.modules) or "none"
@@ -63,8 +63,8 @@ def chosen_modules(flat: System, module: str | None) -> list[Module]:
     return modules
 
 
-def given_params(program: TypedProgram, params: Mapping[str, object] | None) -> dict[str, Value]:
-    """The values of parameters that a caller gave, by full name; `SoterError` U001, U004."""
+def read_params(program: TypedProgram, params: Mapping[str, object] | None) -> dict[str, Value]:
+    """The values of the parameters that a caller gave, by full name; `SoterError` U001, U004."""
     if not params:
         return {}
     from soter.simulate.run_options import param_values  # noqa: PLC0415 - see `soter.api`
@@ -73,7 +73,7 @@ def given_params(program: TypedProgram, params: Mapping[str, object] | None) -> 
 
 
 def params_as_json(program: TypedProgram, values: Mapping[str, Value]) -> dict[str, object]:
-    """Parameter values as JSON for a trace, durations in ns."""
+    """Values of parameters as JSON for a trace, with durations in ns."""
     params: dict[str, object] = {}
     for name, value in values.items():
         param = program.param(name)
@@ -85,7 +85,7 @@ def params_as_json(program: TypedProgram, values: Mapping[str, Value]) -> dict[s
 def params_from_json(
     program: TypedProgram, values: Mapping[str, object], file: Path
 ) -> dict[str, Value]:
-    """Parameter values from the JSON of a trace; `SoterError` D010."""
+    """Values of parameters from the JSON of a trace; `SoterError` D010."""
     from soter.explore.trace import no_trace_error  # noqa: PLC0415 - see `soter.api`
 
     params: dict[str, Value] = {}

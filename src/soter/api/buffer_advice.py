@@ -20,7 +20,7 @@ import numpy as np
 from soter.api.arguments import chosen_modules
 from soter.api.computed_ttf import compute_ttf
 from soter.codegen.unit import generate
-from soter.diagnostics.current_phase import telling_shares
+from soter.diagnostics.current_phase import whole_shares_to
 from soter.diagnostics.diagnostic import mistake
 from soter.diagnostics.similar_names import did_you_mean
 from soter.language.elaborate import derived_systems
@@ -28,7 +28,7 @@ from soter.language.elaborate.derived_systems import faultless, without_held_top
 from soter.language.model import typed
 from soter.language.model.tree_walk import nodes, topic_reads
 from soter.language.model.types import leaf_name, leaves, positions
-from soter.simulate.explain_decision import with_number
+from soter.simulate.explain_decision import value_with_number
 from soter.simulate.run import NativeProgram
 from soter.verify.deploy.dm_check import CompiledDM
 from soter.verify.deploy.dm_test_cases import AC, ExpectedFacts
@@ -57,7 +57,7 @@ UNTIL_NS = 60 * 10**9
 
 @dataclass(frozen=True)
 class BufferRow:
-    """At a speed: where SC takes over, its `room` to the fence, and how much of that is `used`."""
+    """The place where SC takes over at a speed, its `room` to the fence, and how much SC `used`."""
 
     speed: float
     taken_at: float
@@ -96,16 +96,16 @@ def buffers(
     `topic.field`; None: they are found. `SoterError` R... for a module without a problem, U001
     where there is no such module, or no position, speed or end of `safe` is found.
     """
-    with telling_shares(progress):
+    with whole_shares_to(progress):
         flying = program.declared(system, params)
         proved = faultless(without_held_topics(flying))
         problems = {m.name: extract(proved, m) for m in proved.modules if m.forced is None}
         compute_ttf(flying)
         chosen = [m for m in chosen_modules(flying, module) if m.name in problems]
-        return tuple(_buffers_of(flying, m, problems[m.name], named) for m in chosen)
+        return tuple(_buffers_of_module(flying, m, problems[m.name], named) for m in chosen)
 
 
-def _buffers_of(
+def _buffers_of_module(
     flat: System, module: Module, problem: Problem, named: tuple[str, str] | None
 ) -> Buffers:
     """Asks the DM of a module of a flat system whose predicates are known.
@@ -122,7 +122,7 @@ def _buffers_of(
         if name not in names:
             raise mistake("U001", f"`{name}` shows no state", *did_you_mean(name, names), NAME_THEM)
     for position, speed in pairs:
-        asked = _Asked(flat, module, problem, names[position], names[speed])
+        asked = _Probe(flat, module, problem, names[position], names[speed])
         fence = asked.find_fence()
         if fence is not None:
             units = [problem.quantities.states[names[n]].unit for n in (position, speed)]
@@ -141,7 +141,7 @@ def _leaf_path(problem: Problem, topic: int, leaf: int) -> tuple[str, ...]:
 
 
 def _position_speed_pairs(problem: Problem, names: Mapping[str, int]) -> Iterator[tuple[str, str]]:
-    """Pairs of a number that `safe` reads, and one that the number's rate reads."""
+    """Yields pairs of a number that `safe` reads, and a number on which its rate depends."""
     read = {problem.module.scope.topics[t] for t in topic_reads(problem.module.symbol.safe)}
     of_state = {s: n for n, s in names.items()}
     states = problem.quantities.states
@@ -156,8 +156,8 @@ def _position_speed_pairs(problem: Problem, names: Mapping[str, int]) -> Iterato
                 yield name, shown
 
 
-class _Asked:
-    """Asks a DM and a model about estimates whose position and speed are not those of the start."""
+class _Probe:
+    """Asks a DM and a model about estimates that differ from the start in position and speed."""
 
     def __init__(
         self, flat: System, module: Module, problem: Problem, position: int, speed: int
@@ -178,20 +178,20 @@ class _Asked:
         self.initial = {s: middle(problem.initial[s]) for s in self.at}
 
     def topic_values(self, x: float, v: float) -> tuple[Value, ...]:
-        """The values of all topics if the estimate has this position and speed."""
+        """The values of all topics for an estimate with this position and speed."""
         values: list[Any] = [t.default for t in self.flat.topics]
         for state, number in {**self.initial, self.position: x, self.speed: v}.items():
             topic, where = self.at[state]
-            values[topic] = with_number(values[topic], where, number) if where else number
+            values[topic] = value_with_number(values[topic], where, number) if where else number
         return tuple(values)
 
     def keeps_ac(self, x: float, v: float) -> bool:
-        """Whether the DM leaves control to AC at this position and speed."""
+        """Whether the DM leaves AC in control at this position and speed."""
         state = self.facts.state_bytes(self.unit, self.topic_values(x, v))
         return self.dm.decide_when_fresh(self.module, state) == AC
 
     def find_fence(self) -> float | None:
-        """The end of `safe` on the way, at rest or else (passive safety) at a speed, or None."""
+        """The end of `safe` in the way, at rest or else at a speed (passive safety), or None."""
         self.fastest = self._end_of_range(self.speed)
         if self.fastest is None:
             return None
@@ -209,7 +209,7 @@ class _Asked:
         return None
 
     def buffer_rows(self, fence: float, fastest: float) -> Iterator[BufferRow]:
-        """Gives a row for each speed, up to the fastest one."""
+        """Yields a row for each speed up to the fastest."""
         for k in range(1, SPEEDS + 1):
             v = fastest * k / SPEEDS
             at = _last_holding(self.initial[self.position], fence, partial(self.keeps_ac, v=v))
@@ -217,7 +217,7 @@ class _Asked:
                 yield BufferRow(v, at, abs(fence - at), self.sc_distance(at, v, self.way))
 
     def fastest_in_ac(self) -> float:
-        """The highest speed at which AC has control at the position of the start."""
+        """The highest speed at which AC is in control at the position of the start."""
         assert self.fastest is not None
         v = _last_holding(
             0.0, self.fastest, lambda v: self.keeps_ac(self.initial[self.position], v)
@@ -225,7 +225,7 @@ class _Asked:
         return 0.0 if v is None else v
 
     def _end_of_range(self, state: int) -> float | None:
-        """The end of a number's range in the direction of the fence; None without an end."""
+        """The end of a number's range in the direction of the fence; None if it is too far."""
         topic, leaf = self.problem.topic_leaf_of_state[state]
         bound, of = self.problem.system.topics[topic].bounds[leaf], self.problem.states[state]
         low, high = (of.low, of.high) if bound is None else (bound.low, bound.high)
@@ -233,9 +233,9 @@ class _Asked:
         return end if abs(end) < FARTHEST else None
 
     def sc_distance(self, x: float, v: float, way: float) -> float:
-        """How far SC goes on from there in the model; with `way` 0 its first move instead."""
+        """The distance SC moves on in the model; if `way` is 0, the distance of its first move."""
         states = self.problem.quantities.states
-        changed = [self._undisturbed(c, x, v) for c in self.flat.components if c.plant is not None]
+        changed = [self._exact_plant(c, x, v) for c in self.flat.components if c.plant is not None]
         system = derived_systems.with_components(self.flat, changed)
         system = derived_systems.with_forced_mode(system, self.module.index, "sc")
         leaf = states[self.position]
@@ -247,8 +247,8 @@ class _Asked:
             return float(moves[np.flatnonzero(moves)[:1]].sum())
         return max(0.0, float((way * moves).max()))
 
-    def _undisturbed(self, c: Component, x: float, v: float) -> Component:
-        """A plant without disturbances and errors, from this position and speed."""
+    def _exact_plant(self, c: Component, x: float, v: float) -> Component:
+        """A plant without disturbances and errors that begins at this position and speed."""
         assert c.plant is not None
         initial: list[Any] = list(c.initial)
         names = [d.name for d in c.plant.states]
@@ -257,7 +257,7 @@ class _Asked:
             if self.problem.system.components[leaf.owner].name == c.name:
                 k = names.index(leaf.member)
                 where = positions(c.plant.states[k].type, leaf.path)
-                initial[k] = with_number(initial[k], where, number) if where else number
+                initial[k] = value_with_number(initial[k], where, number) if where else number
         middles = [0.5 * (d.low + d.high) for d in c.disturbances]
         pairs = zip(c.disturbances, middles, strict=True)
         return replace(
@@ -270,7 +270,7 @@ class _Asked:
 
 
 def _last_holding(start: float, end: float, holds: Callable[[float], bool]) -> float | None:
-    """The last number from `start` to `end` up to which `holds` is true; None without one."""
+    """The last number from `start` to `end` up to which `holds` is true; None if there is none."""
     if not holds(start):
         return None
     for k in range(STEPS):

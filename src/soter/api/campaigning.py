@@ -15,7 +15,7 @@ from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.api.arguments import end_ns, time_ns
+from soter.api.arguments import run_end_ns, time_ns
 from soter.api.output_files import require_writable
 from soter.campaign.arms import OURS, PAPER, Arm, find_arms
 from soter.campaign.batch_flights import Fleet
@@ -73,22 +73,24 @@ def campaign(
     """
     began = time.perf_counter()
     flat, core = bindings.system, bindings.core
-    until_ns = end_ns(flat, until)
+    until_ns = run_end_ns(flat, until)
     count = _flight_count(hours, flights, until_ns)
     threads, horizon_ns = _thread_count(workers), _horizon_of_saves_ns(saves)
     about = _campaign_identity(flat, path, until_ns, seed, horizon_ns)
     folder = Path(output) if output is not None else _default_folder(path, about)
     fleet = Fleet(flat, until_ns, core=core, horizon_ns=horizon_ns)
-    about = replace(about, **fleet.code())
+    about = replace(about, **fleet.code_fields())
     _require_judged(flat)
-    lateness, others = _other_arms(flat, arms, folder, lateness_s)
+    lateness, others = _lateness_and_arms(flat, arms, folder, lateness_s)
     todo = [(OURS, "the system as it is declared", fleet, folder, about)]
     for arm in others:
         other = Fleet(arm.system, until_ns, core=bind_derived(bindings, arm.system).core)
         identity = _campaign_identity(arm.system, path, until_ns, seed, 0)
-        identity = replace(identity, arm=arm.name, lateness=_quantiles_ns(lateness), **other.code())
+        identity = replace(
+            identity, arm=arm.name, lateness=_quantiles_ns(lateness), **other.code_fields()
+        )
         todo.append((arm.name, arm.text, other, folder / f"arm-{arm.name}", identity))
-    shares = [_part_of_progress(progress or _ignore_share, k, len(todo)) for k in range(len(todo))]
+    shares = [_progress_of_part(progress or _ignore_share, k, len(todo)) for k in range(len(todo))]
     with ExitStack() as held:
         crew = threads or held.enter_context(join_cluster())
         flown = [_fly_arm(*one, count, crew, t) for one, t in zip(todo, shares, strict=True)]
@@ -104,7 +106,7 @@ def campaign(
         wall_s=time.perf_counter() - began,
         workers=crew if isinstance(crew, int) else crew.cores,
         arms=tuple(flown) if others else (),
-        lateness=lateness.text() if lateness else "",
+        lateness=lateness.as_text() if lateness else "",
         horizon_s=horizon_ns / 1e9,
         program_sha256=flat.program.sha256,
         params=about.params,
@@ -112,13 +114,13 @@ def campaign(
         forced=tuple(f"{m.name} to {m.forced.upper()}" for m in flat.modules if m.forced),
         faults=_faults_with_assumptions(flat),
         occurred=count_faults(flat, [f.seed for f in ours.flights], until_ns),
-        diagnostics=tuple(_warnings(flat, ours.result)),
+        diagnostics=tuple(_campaign_warnings(flat, ours.result)),
         properties=tuple(f"{p.kind} {p.text}" for p in flat.properties),
     )
 
 
 def _horizon_of_saves_ns(saves: float | str | None) -> int:
-    """How far AC is flown on after it lost control, in ns; 0: not at all. SoterError U001."""
+    """How long AC is flown on after it lost control, in ns; 0 if not at all. SoterError U001."""
     horizon_ns = time_ns("saves", saves) or 0
     if saves is not None and horizon_ns <= 0:
         raise mistake("U001", "saves need a time for which AC is flown on", "as `--saves 10s`")
@@ -126,13 +128,13 @@ def _horizon_of_saves_ns(saves: float | str | None) -> int:
 
 
 def _require_judged(flat: System) -> None:
-    """Raises SoterError C006 if nothing would judge the flights."""
+    """Raises SoterError C006 if the system has nothing by which flights could be judged."""
     if not flat.properties and not flat.measures:
         raise SoterError((_no_property(flat, Severity.ERROR),))
 
 
-def _warnings(flat: System, r: Result) -> Iterator[Diagnostic]:
-    """Yields warnings of conclusions that these flights do not support."""
+def _campaign_warnings(flat: System, r: Result) -> Iterator[Diagnostic]:
+    """Yields warnings about conclusions that these flights do not support."""
     if not flat.properties:
         yield _no_property(flat, Severity.WARNING)
     for p in flat.properties:
@@ -161,7 +163,7 @@ def _no_property(flat: System, severity: Severity) -> Diagnostic:
 
 
 def _thread_count(workers: int | str | None) -> int:
-    """The number of threads that fly; 0: a Ray cluster does. SoterError U001, D007."""
+    """The number of threads that fly; 0 if a Ray cluster flies. SoterError U001, D007."""
     if workers == RAY:
         require_ray()
         return 0
@@ -173,7 +175,7 @@ def _thread_count(workers: int | str | None) -> int:
 
 
 def _faults_with_assumptions(flat: System) -> tuple[tuple[str, str], ...]:
-    """Faults by text, each with the assumption that it keeps if it does for all components."""
+    """Pairs of a fault's text and the assumption that it respects in all components, or ""."""
     places_by_fault: dict[str, list[str | None]] = {ORDER: [None]} if flat.shuffled else {}
     for f in (f for f in flat.faults if f.on is None):
         places_by_fault.setdefault(f.text, []).append(f.inside)
@@ -183,8 +185,8 @@ def _faults_with_assumptions(flat: System) -> tuple[tuple[str, str], ...]:
 
 
 def own_folder(flat: System, path: str, until: Any, seed: int) -> Path:  # noqa: ANN401
-    """The default folder of a campaign of this system; SoterError U001 without an end."""
-    return _default_folder(path, _campaign_identity(flat, path, end_ns(flat, until), seed, 0))
+    """The default folder of a campaign of this system; SoterError U001 if a run has no end."""
+    return _default_folder(path, _campaign_identity(flat, path, run_end_ns(flat, until), seed, 0))
 
 
 def _campaign_identity(
@@ -205,10 +207,10 @@ def _campaign_identity(
     )
 
 
-def _other_arms(
+def _lateness_and_arms(
     flat: System, names: Sequence[str], folder: Path, seconds: float
 ) -> tuple[Lateness | None, list[Arm]]:
-    """The measured lateness, if an arm needs it, and the arms to fly beside the system."""
+    """The measured lateness if an arm needs it, else None; and the arms besides the system."""
     find_arms(flat, [n for n in names if n != PAPER], ())  # raises for wrong names
     lateness = None
     if PAPER in names:
@@ -259,7 +261,7 @@ def _fly_arm(
     )
 
 
-def _part_of_progress(progress: Progress, k: int, count: int) -> Progress:
+def _progress_of_part(progress: Progress, k: int, count: int) -> Progress:
     return lambda share: progress((k + share) / count)
 
 
@@ -293,7 +295,7 @@ def _default_folder(path: str, about: CampaignIdentity) -> Path:
 def write_campaign(
     flown_campaign: Campaign, path: str, report: str | Path | None, *, parquet: bool = False
 ) -> list[Path]:
-    """Writes the page ("": beside the flights) and tables of a program; SoterError D006, D007."""
+    """Writes a campaign's page ("": beside the flights) and tables; SoterError D006, D007."""
     made: list[Path] = []
     if report is not None:
         target = Path(report or flown_campaign.folder / "report.html")

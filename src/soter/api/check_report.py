@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from soter.addons import by_name
+from soter.addons import load_module
 from soter.api.measured_times import enter_times
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, Severity
 
@@ -45,7 +45,7 @@ class ThreadRow:
 
 @dataclass(frozen=True)
 class SwitchReport:
-    """P1c of a module with declared times: `holds`, `fails` or `undecided`; a None is unknown."""
+    """P1c of a module with declared times: `holds`, `fails` or `undecided`; None: not known."""
 
     module: str
     verdict: str
@@ -83,7 +83,7 @@ class TimingReport:
 def timing_reports(
     systems: list[System], assumed: Mapping[str, str] | None = None
 ) -> tuple[tuple[TimingReport, ...], tuple[Diagnostic, ...]]:
-    """Reports on systems with execution times, and their errors; `assumed`: by system, in words."""
+    """Reports on systems with execution times, and errors; `assumed`: texts by system."""
     timed = [s for s in systems if s.timed]
     if not timed:
         return (), ()
@@ -98,7 +98,7 @@ def timing_reports(
         report_miss(timing, diagnostics)
         switches = _switch_reports(system, diagnostics)
         rests_on = (assumed or {}).get(system.name, "")
-        reports.append(replace(_timing_report(timing, switches), assumed=rests_on))
+        reports.append(replace(_report_of_timing(timing, switches), assumed=rests_on))
     return tuple(reports), diagnostics.items
 
 
@@ -124,12 +124,12 @@ def _switch_reports(system: System, diagnostics: Diagnostics) -> tuple[SwitchRep
                 notes=(switch.in_words(),),
                 helps=("a longer `horizon`, which `ttf` has to look ahead, or shorter times",),
             )
-        switches.append(_switch_report(switch))
+        switches.append(_report_of_switch(switch))
     return tuple(switches)
 
 
 def _enter_times_of_deployed(system: System, proved: System) -> None:
-    """Gives components of the proved system the times of those that are deployed."""
+    """Copies to components of the proved system the times of the deployed components."""
     known = {c.name: c for c in system.components}
     for c in proved.components:
         if c.name in known:
@@ -137,7 +137,7 @@ def _enter_times_of_deployed(system: System, proved: System) -> None:
 
 
 def _modules_with_plants(system: System) -> list[tuple[System, Module]]:
-    """Each module with the system that has its plants: its own, or the one that is deployed."""
+    """Each module with the system that has its plants: its own, or the one it deploys."""
     proved = system.proved
     if proved is None:
         return [(system, m) for m in system.modules]
@@ -145,7 +145,7 @@ def _modules_with_plants(system: System) -> list[tuple[System, Module]]:
     return [(proved, modules[m.name]) for m in system.modules if m.name in modules]
 
 
-def _switch_report(switch: SwitchLatency) -> SwitchReport:
+def _report_of_switch(switch: SwitchLatency) -> SwitchReport:
     largest, ns = switch.largest or (None, None)
     return SwitchReport(
         module=switch.module,
@@ -159,7 +159,7 @@ def _switch_report(switch: SwitchLatency) -> SwitchReport:
     )
 
 
-def _timing_report(timing: Timing, switches: tuple[SwitchReport, ...]) -> TimingReport:
+def _report_of_timing(timing: Timing, switches: tuple[SwitchReport, ...]) -> TimingReport:
     from soter.timing.trusted_thread import schedule_lines  # noqa: PLC0415 - see `soter.api`
 
     return TimingReport(
@@ -190,7 +190,7 @@ def _timing_report(timing: Timing, switches: tuple[SwitchReport, ...]) -> Timing
 
 @dataclass(frozen=True)
 class ModuleReport:
-    """A module as checked: `verdicts` maps P1a ... P3 to `proved` or `assumed`."""
+    """A module as checked. `verdicts`: by property (P1a to P3), `proved` or `assumed`."""
 
     name: str
     period_s: float
@@ -221,7 +221,7 @@ class SystemReport:
 
 @dataclass(frozen=True)
 class StepReport:
-    """The highest cost of a step or decision, without the code of the functions `externs`."""
+    """The highest cost of a step or decision, without the code of the functions in `externs`."""
 
     name: str
     kind: str
@@ -233,7 +233,7 @@ class StepReport:
 
 @dataclass(frozen=True)
 class CheckReport:
-    """What a successful check found: every system, the hash, the warnings, what steps take."""
+    """What a successful check found: systems, hash, warnings, and the costs of steps."""
 
     path: str
     program_sha256: str
@@ -277,7 +277,7 @@ def check_report(
         from soter.simulate.externs import binding_warnings  # noqa: PLC0415 - see `soter.api`
 
         warnings += binding_warnings.binding_warnings(program, bound)
-        warnings += binding_warnings.wide_actions(flat.values(), bound)
+        warnings += binding_warnings.action_warnings(flat.values(), bound)
     assumed = {} if times is None else enter_times(flat, times, program.sha256)
     steps, refused = step_reports(program, flat)
     warnings += tuple(dict.fromkeys(refused))
@@ -286,18 +286,18 @@ def check_report(
 
 
 def add_stale_monitors(checked: CheckResult) -> None:
-    """Adds D022 for each model monitor in a sound program that is made for another model."""
+    """Adds D022 for each model monitor in a sound program that belongs to another model."""
     if not checked.ok or checked.loaded is None:
         return
     if any("soter monitor --emit" in file.source.text for file in checked.loaded.files):
-        for wrong in by_name("soter.monitor.emitted_monitors").stale_monitors(checked):
+        for wrong in load_module("soter.monitor.emitted_monitors").stale_monitors(checked):
             checked.diagnostics.add(wrong)
 
 
 def step_reports(
     program: TypedProgram, flat: Mapping[str, System]
 ) -> tuple[tuple[StepReport, ...], list[Diagnostic]]:
-    """Costs of all steps, nodes first, and warnings of code that proofs will refuse to follow."""
+    """Costs of all steps, nodes first, and warnings for code that proofs cannot follow."""
     costs = {s.name: cost for s, cost in program.costs.items()}
     warned: list[Diagnostic] = []
     for system in flat.values():
@@ -315,7 +315,7 @@ def step_reports(
 
 
 def system_report(system: System, *, default: bool) -> SystemReport:
-    """A flat system, and what a run of it rests on, as a report."""
+    """A report on a flat system and on what a run of it assumes."""
     from soter.simulate import result_assumptions  # noqa: PLC0415 - see `soter.api`
 
     return SystemReport(
@@ -334,7 +334,7 @@ def system_report(system: System, *, default: bool) -> SystemReport:
                 system.components[m.ac].name,
                 system.components[m.sc].name,
                 m.forced,
-                result_assumptions.verdicts(m),
+                result_assumptions.verdict_by_property(m),
             )
             for m in system.modules
         ),

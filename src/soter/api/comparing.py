@@ -15,7 +15,7 @@ from difflib import unified_diff
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.addons import by_name
+from soter.addons import load_module
 from soter.api.output_files import write_sections
 from soter.api.rechecking import no_certificate_error
 from soter.diagnostics.diagnostic import SoterError
@@ -54,7 +54,7 @@ STANDS, AGAIN, GONE, NEW, OPEN = "stands", "again", "gone", "new", "open"
 
 @dataclass(frozen=True)
 class DeclarationChange:
-    """A declaration that is "changed", "gone" or "new" (`how`); `lines`: `-` old, `+` new."""
+    """A declaration that is "changed", "gone" or "new" (`how`). `lines`: `-` old, `+` new."""
 
     kind: str
     name: str
@@ -78,7 +78,7 @@ class Consequence:
 
 @dataclass(frozen=True)
 class Comparison:
-    """How two versions of a program differ, and what hangs on it."""
+    """How two versions of a program differ, and which results depend on that."""
 
     old: str
     new: str
@@ -87,12 +87,12 @@ class Comparison:
 
     @property
     def again(self) -> tuple[Consequence, ...]:
-        """The consequences that have to be made again, or for the first time."""
+        """The results that have to be made again, or for the first time."""
         return tuple(c for c in self.consequences if c.status in (AGAIN, NEW))
 
     @property
     def headline(self) -> str:
-        """Says in one sentence what has to be made again."""
+        """A sentence that says what has to be made again."""
         if not self.again:
             return "Nothing has to be made again: no proof, flight or test depends on what differs"
         proofs = [c.status for c in self.consequences if c.what == "proof"]
@@ -122,7 +122,7 @@ RULE = (
 
 @dataclass(frozen=True)
 class Version:
-    """A version: its path, the checked program, and parameters that its certificate sets."""
+    """A version: its path, the checked program, and the parameters that its certificate sets."""
 
     path: str
     checked: CheckResult
@@ -135,7 +135,7 @@ class Version:
         return self.checked.program
 
     def declaration_lines(self, symbol: typed.Symbol | None) -> list[str]:
-        """The lines of a declaration; none of one that the program does not write."""
+        """The lines of a declaration; none if the program's text does not have it."""
         assert self.checked.loaded is not None
         if symbol is None:
             return []
@@ -149,7 +149,7 @@ class Version:
         return [x for s in whole[:1] for x in s.source.text[s.start : s.end].splitlines()]
 
     def posed_parts(self) -> dict[tuple[str, str], PosedProblem]:
-        """By kind and name: what is proved, timed, flown and tested."""
+        """By kind and name: everything that is proved, timed, flown or tested."""
         parts: dict[tuple[str, str], PosedProblem] = {}
         posed = posed_problems(self.checked, self.params)
         for (system, module), problem in posed.items():
@@ -164,7 +164,7 @@ class Version:
 
 
 def compare(old: str | Path, new: str | Path, hazards: str | Path | None = None) -> Comparison:
-    """Compares two programs or certificates; `hazards`: rows of `soter assure --hazards`.
+    """Compares two programs or certificates; `hazards`: file of `soter assure --hazards`.
 
     `SoterError` with the diagnostics of a program with errors, D009 where a folder is no
     certificate, D006 and D021 for `hazards`.
@@ -204,7 +204,7 @@ def _declaration_changes(before: Version, after: Version) -> tuple[DeclarationCh
         olds, news = getattr(before.program, table), getattr(after.program, table)
         for name in {**olds, **news}:
             old, new = olds.get(name), news.get(name)
-            if old is None or new is None or _own_text(old) != _own_text(new):
+            if old is None or new is None or _declaration_text(old) != _declaration_text(new):
                 how = "new" if old is None else "gone" if new is None else "changed"
                 patch = unified_diff(
                     before.declaration_lines(old), after.declaration_lines(new), n=0, lineterm=""
@@ -214,15 +214,15 @@ def _declaration_changes(before: Version, after: Version) -> tuple[DeclarationCh
     return tuple(changes)
 
 
-def _own_text(symbol: typed.Symbol) -> str:
-    """The text of a declaration by itself, in which other declarations are their names."""
+def _declaration_text(symbol: typed.Symbol) -> str:
+    """The text of a declaration alone; other declarations in it are replaced by their names."""
 
-    def name_instead(part: object) -> object:
+    def name_of_other_declaration(part: object) -> object:
         if isinstance(part, typed.Literal) and part.name is not None:
             return part.name
         return part.name if isinstance(part, typed.Symbol) and part is not symbol else part
 
-    return canonical_text(symbol, name_instead)
+    return canonical_text(symbol, name_of_other_declaration)
 
 
 # ---------------------------------------------------------------- what hangs on them
@@ -243,7 +243,7 @@ def _consequence(
 def _timed_parts(
     flat: System, posed: Mapping[tuple[str, str], PosedProblem]
 ) -> dict[str, PosedProblem]:
-    """By `component in system`: what each step of the trusted thread, and each DM, is made of."""
+    """By `component in system`: the code of each step of the trusted thread, and of each DM."""
     where = f" in {flat.name}" if flat.name else ""
     timed = {c.name + where: step_text(flat, c) for c in flat.components if c.in_thread and c.node}
     for m in flat.modules:  # of one that poses no problem, all of its declaration
@@ -253,20 +253,20 @@ def _timed_parts(
 
 
 def _requirement_results(path: Path, found: list[Consequence]) -> list[Consequence]:
-    """What becomes of each hazard and requirement, by the properties that it traces to."""
-    rows_of = by_name("soter.api.assurance.hazard_traceability")
+    """The result for each hazard and requirement, from the properties that it traces to."""
+    rows_of = load_module("soter.api.assurance.hazard_traceability")
     rows = [r for r in rows_of.read_hazards(path).rows if r.kind != "assumption"]
     todo = {}
     for id_, properties in rows_of.reached_properties(rows).items():
         names = {p.rpartition(".")[0] or p for p in properties}
-        rests_on = [c for c in found if _concerns(c, names)]
+        rests_on = [c for c in found if _concerns_names(c, names)]
         because = tuple(f"{c.what} of {c.name}" for c in rests_on if c.status != STANDS)
         status = (AGAIN if because else STANDS) if rests_on else OPEN
         todo[id_] = Consequence("requirement", id_, status, because)
     return [todo[r.id] for r in rows]
 
 
-def _concerns(c: Consequence, names: set[str]) -> bool:
-    """Whether a property of one of these modules, tests or conditions rests on a consequence."""
+def _concerns_names(c: Consequence, names: set[str]) -> bool:
+    """Whether a property of these modules, tests or conditions depends on a consequence."""
     flown = c.what == "runs" and any(n.startswith(("always ", "never ")) for n in names)
     return flown or (c.what in ("proof", "test") and c.name.partition(" in ")[0] in names)

@@ -19,17 +19,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Diagram:
-    """The nodes, topics, modules and plants of a system: its name, and an SVG."""
+    """The nodes, topics, modules and plants of a system as a drawing: its name, and an SVG."""
 
     system: str
     svg: str
 
     def _repr_svg_(self) -> str:
-        """The SVG, which a notebook shows."""
+        """The SVG that a notebook shows."""
         return self.svg
 
     def write(self, path: str | Path) -> Path:
-        """Writes the SVG; `SoterError` D006 if that fails or would replace another file."""
+        """Writes the SVG; `SoterError` D006 if that fails or another file stands there."""
         from soter.report.html import write_text  # noqa: PLC0415 - see `soter.api`
 
         target = Path(path)

@@ -14,7 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.api.arguments import given_params, params_as_json, time_ns
+from soter.api.arguments import params_as_json, read_params, time_ns
 from soter.api.computed_ttf import compute_ttf
 from soter.api.output_files import write_test_page
 from soter.diagnostics.command_records import make_record
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 def chosen_tests(
     tests: Mapping[str, TestSymbol], path: str, names: str | Sequence[str] | None
 ) -> list[TestSymbol]:
-    """The tests of these names, in the program's order; `SoterError` U010 where there is none."""
+    """The tests of these names, in the program's order; `SoterError` U010 for an unknown name."""
     wanted = [names] if isinstance(names, str) else names
     unknown = [n for n in wanted or () if n not in tests]
     if tests and not unknown:
@@ -54,7 +54,7 @@ def chosen_tests(
 
 
 def with_skew_and_horizon(system: System, skew_ns: int | None, horizon_ns: int | None) -> System:
-    """The test with another skew or horizon; `SoterError` U001 where that is impossible."""
+    """A copy of the test with another skew or horizon; `SoterError` U001 if that is impossible."""
     plan = test_plan(system)
     for word, ns, least in (("skew", skew_ns, 0), ("horizon", horizon_ns, 1)):
         if ns is not None and not least <= ns <= TIME_MAX:
@@ -98,12 +98,12 @@ def explore(checked: CheckResult, path: str, choices: Mapping[str, Any]) -> Expl
     program = checked.program
     assert program is not None
     tests = chosen_tests(checked.tests, path, options.test)
-    values = given_params(program, options.params)
+    values = read_params(program, options.params)
     systems = _flat_tests(checked, [t.name for t in tests], values, options)
     params = params_as_json(program, values)
     results: list[TestResult] = []
     listener = current_stop_request()
-    with receiving_signals(listener), _keeping_results(results, tests):
+    with receiving_signals(listener), _keep_results(results, tests):
         for symbol, system in zip(tests, systems, strict=True):
             about = TraceHeader(path, params, replacements_in_test(symbol))
             result = explore_test(system, options, about, options.progress, listener)
@@ -126,8 +126,8 @@ def explore(checked: CheckResult, path: str, choices: Mapping[str, Any]) -> Expl
 
 
 @contextmanager
-def _keeping_results(results: Sequence[object], tests: Sequence[object]) -> Iterator[None]:
-    """Ends its block at a KeyboardInterrupt; raises it if all tests have been explored."""
+def _keep_results(results: Sequence[object], tests: Sequence[object]) -> Iterator[None]:
+    """Lets Ctrl-C end the block and keep the results; raises it again if all tests are done."""
     try:
         yield
     except KeyboardInterrupt:
@@ -138,7 +138,7 @@ def _keeping_results(results: Sequence[object], tests: Sequence[object]) -> Iter
 def _flat_tests(
     checked: CheckResult, names: Sequence[str], values: Mapping[str, Value], options: SearchOptions
 ) -> list[System]:
-    """The flat systems of tests, predicates computed; SoterError with all their diagnostics."""
+    """The flat systems of tests, predicates computed; SoterError with the errors of all of them."""
     diagnostics = Diagnostics()
     skew_ns, horizon_ns = time_ns("skew", options.skew), time_ns("horizon", options.horizon)
     systems = []

@@ -16,7 +16,7 @@ from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.api.arguments import chosen_modules, given_params, time_ns
+from soter.api.arguments import chosen_modules, read_params, time_ns
 from soter.api.monitoring import mapped_record
 from soter.api.output_files import may_replace, require_utf8, require_writable, write_sections
 from soter.diagnostics.diagnostic import mistake
@@ -96,7 +96,7 @@ def identify(
         read_log(Path(log), flat) if mapping is None else _mapped_run(program, log, mapping, how)
         for log in logs
     ]
-    hashes = {str(log): _sha256(Path(log)) for log in logs}
+    hashes = {str(log): _log_sha256(Path(log)) for log in logs}
     if len({*hashes.values()}) < len(logs):
         raise mistake("U001", "a log is given twice: one half of it would hold out the other")
     cut_ns = time_ns("episode", episode)
@@ -135,10 +135,10 @@ def _mapped_run(
 def _asked_parameters(
     flat: System, opened: Sequence[str], fixed: Mapping[str, object]
 ) -> list[OpenParameter]:
-    """The parameters that are asked for, or every float of the main file that nobody has set."""
+    """The requested parameters, or every float of the main file that nobody has set."""
     declared = flat.program.params
     floats = [n for n, p in declared.items() if "." not in n and isinstance(p.type, FloatType)]
-    given_params(flat.program, {n: flat.params.get(n, 0.0) for n in opened})  # U004
+    read_params(flat.program, {n: flat.params.get(n, 0.0) for n in opened})  # U004
     wrong = next((n for n in opened if n not in floats), None)
     if wrong is not None:
         raise mistake("U001", f"`{wrong}` is no parameter of type float of the main file")
@@ -152,7 +152,7 @@ def _asked_parameters(
 
 
 def cut_episodes(name: str, record: RecordedRun, cut_ns: int | None) -> list[Episode]:
-    """The record as episodes; neighbours share an instant, so that no step is lost."""
+    """A record cut into episodes; neighbours share an instant, so that no step is lost."""
     if cut_ns is None:
         return [Episode(name, record)]
     times, first, episodes = record.times_ns, 0, list[Episode]()
@@ -173,7 +173,7 @@ def cut_episodes(name: str, record: RecordedRun, cut_ns: int | None) -> list[Epi
     return episodes
 
 
-def _sha256(log: Path) -> str:
+def _log_sha256(log: Path) -> str:
     files = sorted(p for p in log.rglob("*") if p.is_file()) if log.is_dir() else [log]
     digest = hashlib.sha256()
     for file in files:
@@ -187,7 +187,7 @@ def _sha256(log: Path) -> str:
 
 
 def require_replaceable(path: Path) -> None:
-    """Raises SoterError D006 where a fit would replace another file."""
+    """Raises SoterError D006 if a fit would replace a file that is not an older fit."""
     require_utf8(path)
     if path.is_file() and not may_replace(path, BEGINS.encode()):
         text = f"cannot write `{path}`: it holds something else, which would be lost"
@@ -195,7 +195,7 @@ def require_replaceable(path: Path) -> None:
 
 
 def write_fit(found: Identification, path: Path) -> None:
-    """Writes the values as a data file of programs; SoterError D006."""
+    """Writes the fitted values as a data file for programs; SoterError D006."""
     require_replaceable(path)
     facts = {
         "held_out": found.held_out,
@@ -214,7 +214,7 @@ def write_fit(found: Identification, path: Path) -> None:
 
 
 def fit_headline(found: Identification) -> str:
-    """Says in one sentence what the fit came to."""
+    """A sentence that says how the fit ended."""
     if found.alarm is not None:
         a, n = found.alarm, found.alarms
         return (
@@ -228,7 +228,7 @@ def fit_headline(found: Identification) -> str:
 
 
 def fit_sections(found: Identification, name: str) -> list[PageSection]:
-    """The sections about a fit for a page or a terminal; `name`: the path of its data."""
+    """Sections about a fit for a page or a terminal; `name`: the path of the data file."""
     explained = found.alarm is None
     texts = [ALIKE] + [TOGETHER] * (found.cut_s is not None) if explained else [NOT_EXPLAINED]
     if found.never_excited:
@@ -262,12 +262,12 @@ def _range_text(found: Identification, name: str) -> str:
 
 
 def data_path(program: str | Path, output: str | Path) -> str:
-    """The path by which a program names a file of data: from the folder of the program."""
+    """The path by which a program names its data file, relative to the program's folder."""
     return Path(os.path.relpath(output, Path(program).parent)).as_posix()
 
 
 def write_page(found: Identification, title: str, name: str, path: Path) -> None:
-    """Writes the page; SoterError D006."""
+    """Writes the page about a fit; SoterError D006."""
     require_writable(path)
     logs = PageSection("Logs", (), ("log", "SHA-256"), tuple(found.logs.items()))
     verdict = "bad" if found.alarm is not None else "good"

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import mistake
 from soter.language.elaborate.passes.system_numbers import MAX_PERIOD_NS
 from soter.language.load.named_files import read_json_text
-from soter.version import other_format
+from soter.version import why_format_is_unreadable
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -25,7 +25,7 @@ TIMES_FORMAT = 1
 
 
 def read_times(path: str | Path) -> tuple[str, str, dict[str, int], str]:
-    """Reads a file of times: program hash, system, `wcet_ns` by component, and `assumed`.
+    """The hash, the system, `wcet_ns` by component, and `assumed`, from a file of times.
 
     `SoterError` U011 if it is no such file; OSError if it cannot be read.
     """
@@ -33,7 +33,7 @@ def read_times(path: str | Path) -> tuple[str, str, dict[str, int], str]:
     try:
         document = json.loads(read_json_text(Path(path)))
         wcet_by_component = {s["name"]: s["wcet_ns"] for s in document["steps"]}
-        why = other_format(document["schema"], TIMES_FORMAT)
+        why = why_format_is_unreadable(document["schema"], TIMES_FORMAT)
         sound = not why and all(
             isinstance(n, str) and type(ns) is int and 0 < ns <= MAX_PERIOD_NS
             for n, ns in wcet_by_component.items()
@@ -49,7 +49,7 @@ def read_times(path: str | Path) -> tuple[str, str, dict[str, int], str]:
 
 
 def enter_times(systems: Mapping[str, System], path: str | Path, sha256: str) -> dict[str, str]:
-    """Gives components without `wcet` the one of a file; `SoterError` U011 as `read_times`.
+    """Sets missing `wcet` of components from a file of times; `SoterError` U011 as `read_times`.
 
     Returns what these times assume, by name of a system. U011 also if the file is of a program with
     another hash than `sha256`, or of a system or components that this program does not have.

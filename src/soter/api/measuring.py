@@ -43,7 +43,7 @@ INSTRUCTION_MAX_NS = 10**6
 
 @dataclass(frozen=True)
 class Measured:
-    """The times of a system's steps, the `margin` of the longest one, and what is `assumed`."""
+    """The times of a system's steps, the `margin` on the longest, and what is `assumed`."""
 
     system: str
     program_sha256: str
@@ -76,7 +76,7 @@ def measure(
     trace = run.trace.view("u1").reshape(len(run.trace), run.layout.size)
     made = TimedUnit(run.system, bind(run.system, program.bound).core)
     steps = time_steps(made, trace, samples=samples, margin=margin, seed=seed, progress=progress)
-    return Measured(run.system.name, run.system.program.sha256, machine_words(), margin, steps)
+    return Measured(run.system.name, run.system.program.sha256, machine_text(), margin, steps)
 
 
 def measure_on_board(
@@ -128,7 +128,7 @@ def _require_margin(margin: float) -> None:
         raise mistake("U001", f"a margin of {margin:g} is none", "say a number from 1 on")
 
 
-def machine_words() -> str:
+def machine_text() -> str:
     """This machine in words: its processor and system, without its or a user's name."""
     return f"{platform.system()} {platform.machine()}, {os.cpu_count()} processors"
 

@@ -18,17 +18,17 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.elaborate.passes.read_ages import is_measured
 from soter.language.evaluate.arithmetic import StepFault
 from soter.mapping.read_mapping import make_log_map, read_mapping, system_name
-from soter.monitor.decidable_modules import decidable
+from soter.monitor.decidable_modules import replay_plan
 from soter.monitor.doubtful_topics import doubt_notes
 from soter.monitor.log_files.read_columns import read_columns
 from soter.monitor.log_judgement import LogJudgement, unit_notes
 from soter.monitor.log_replay import replay_log
 from soter.monitor.model_membership import (
     Judgement,
+    flying_topic_names,
     judge_run,
     needed_topics,
     note_alarm,
-    topic_names,
 )
 from soter.monitor.typed_samples import read_samples
 from soter.report.mcap_reading import log_metadata
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 def judge_modules(
     flat: System, log: str | Path | None, run: Run | None, module: str | None, *, estimates: bool
 ) -> list[Judgement]:
-    """Judges every module, or one, on a log of the system `flat` or on a traced run of it."""
+    """Judges all modules, or one, on a log of the system `flat` or on a run with its trace."""
     notes: tuple[str, ...] = ()
     if run is not None:
         flat, record = run.system, record_of_trace(run)
@@ -67,7 +67,7 @@ def judge_modules(
 
 
 def _other_flight_note(log: Path, flat: System) -> tuple[str, ...]:
-    """A note where a log says that another program, system or values of parameters flew."""
+    """A note if the log is of another program or system or has other values of parameters."""
     here_by_key = {f"param {name}": text for name, (text, _) in changed_parameters(flat).items()}
     here_by_key |= {"system": flat.name, "program_sha256": flat.program.sha256}
     in_log = {
@@ -106,7 +106,7 @@ def judge_log(
     """
     paths, flat, declared = _files_and_mapping(flat_of, log, mapping, system, params, where)
     chosen = [m.index for m in chosen_modules(flat, module)]
-    plan = decidable(flat, [t.topic.index for t in declared.topics])
+    plan = replay_plan(flat, [t.topic.index for t in declared.topics])
     if not set(plan.modules) & set(chosen):
         raise SoterError(
             tuple(missing_error(flat.modules[m].name, plan.missing[m]) for m in chosen)
@@ -129,7 +129,7 @@ OWN_TOPIC = (
 )
 
 
-def _require_given(flat: System, problems: list[tuple[Module, Problem]], mapped: set[str]) -> None:
+def _require_topics(flat: System, problems: list[tuple[Module, Problem]], mapped: set[str]) -> None:
     wrong = []
     for m, problem in problems:
         if missing := [n for n in needed_topics(flat, m, problem) if n not in mapped]:
@@ -157,25 +157,25 @@ def log_explained(
     for j, (m, p) in zip(made, found.problems, strict=True):
         for name, at_s in found.commands_outside(m, p):
             note_alarm(j, at_s, [f"{name}, outside of its set"])
-    notes, (begin, end) = found.told, found.log_ns
+    notes, (begin, end) = found.notes, found.log_ns
     return [replace(j, length_ns=end - begin, notes=notes, damage=found.damage) for j in made]
 
 
 @dataclass(frozen=True)
 class MappedRecord:
-    """A log of another system as a record of this one; `outside`: what is in no set, by topic."""
+    """A log of another system as a record. `outside`: values outside their sets, by topic."""
 
     flat: System
     problems: list[tuple[Module, Problem]]
     record: RecordedRun
     outside: Mapping[str, list[tuple[float, str]]]
     log_ns: tuple[int, int]
-    told: tuple[str, ...]
+    notes: tuple[str, ...]
     damage: Damage | None
 
     def commands_outside(self, module: Module, problem: Problem) -> list[tuple[str, float]]:
-        """Commands of a module outside of their sets, and when, in s: no run has such."""
-        names = topic_names(self.flat, module, problem)
+        """Commands of a module outside their sets, with times in s; no run has such commands."""
+        names = flying_topic_names(self.flat, module, problem)
         owners = {names[c.owner] for c in problem.quantities.controls} & self.outside.keys()
         return [(name, at_s) for name in owners for at_s, _ in self.outside[name]]
 
@@ -191,11 +191,11 @@ def mapped_record(
     where: Mapping[str, str] | None = None,
     partial: bool = False,
 ) -> MappedRecord:
-    """Reads a log for `log_explained`, which has its arguments and errors."""
+    """The record of a log for `log_explained`, with the same arguments and errors."""
     paths, flat, declared = _files_and_mapping(flat_of, log, mapping, system, params, where)
     mapped = {t.topic.name for t in declared.topics}
     problems = [(m, problem_of_sets(flat, m)) for m in chosen_modules(flat, module)]
-    _require_given(flat, problems, mapped)
+    _require_topics(flat, problems, mapped)
     columns = read_columns(paths, declared, partial=partial)
     samples = read_samples(paths[0], declared, columns)
     record, outside = _record_of_samples(flat, samples)
@@ -215,7 +215,7 @@ def mapped_record(
 def _record_of_samples(
     system: System, samples: list[TopicSamples]
 ) -> tuple[RecordedRun, dict[str, list[tuple[float, str]]]]:
-    """The topics whenever one of them was sampled, from when all are known; what is in no set.
+    """A record with the topics at each sample once all are known, and values outside sets.
 
     Nothing is interpolated; times are those of measuring, from the first row of the log on; there
     are no true states. Angles go on at the end of a turn. A measurement in no set is left out.
@@ -266,6 +266,6 @@ def _files_and_mapping(
 
 
 def missing_error(module: str, missing: Sequence[object]) -> Diagnostic:
-    """Gives the error D017 for a module whose topics a log does not have."""
+    """The error D017 for a module some of whose topics a log does not have."""
     notes = tuple(f"missing: {m}" for m in missing)
     return Diagnostic("D017", f"the log does not decide module `{module}`", notes=notes)

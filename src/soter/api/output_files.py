@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 def require_utf8(*names: object) -> None:
-    """Raises `SoterError` U003 for a path that is not UTF-8, the current folder apart."""
+    """Raises `SoterError` U003 for a path that is not UTF-8; the current folder is exempt."""
     here = ""
     with suppress(OSError):
         here = str(Path.cwd() / "_")[:-1]
@@ -42,7 +42,7 @@ def require_utf8(*names: object) -> None:
 
 
 def require_writers(log: str | Path | None, report: str | Path | None) -> None:
-    """Raises SoterError before a run if its log or report could not be written after it."""
+    """Raises SoterError before a run if its log or report could not be written afterwards."""
     if log is not None:
         from soter.report.mcap_reading import require_log_package  # noqa: PLC0415 - an extra
 
@@ -57,7 +57,7 @@ def require_writers(log: str | Path | None, report: str | Path | None) -> None:
 
 
 def opened_run_log(log: str | Path | RunLog | None) -> RunLog | None:
-    """Opens the writer of a run's log; None without a log; `SoterError` D007."""
+    """The open writer of a run's log; None without a log; `SoterError` D007."""
     if not isinstance(log, (str, Path)):
         return log
     from soter.simulate.run_log import RunLog  # noqa: PLC0415 - an extra
@@ -66,7 +66,7 @@ def opened_run_log(log: str | Path | RunLog | None) -> RunLog | None:
 
 
 def require_writable(path: Path) -> None:
-    """Raises D006 if no log or report can be written at `path` or it would replace another file."""
+    """Raises D006 if a log or report cannot be written to `path` or would replace another file."""
     require_utf8(path)
     require_no_certificate(path)
     reason, folder = "", next((p for p in path.absolute().parents if p.exists()), path)
@@ -83,7 +83,7 @@ def require_writable(path: Path) -> None:
 
 
 def require_no_certificate(path: Path, cert: Path | None = None) -> None:
-    """Raises D006 if a file would lie in a certificate, or in `cert` to come, and break it."""
+    """Raises D006 if a file would stand in a certificate, or in the future one `cert`."""
     for folder in path.resolve().parents:
         sealed = (folder / "SEAL").is_file() and (folder / "manifest.json").is_file()
         if sealed or (cert is not None and folder == cert.resolve()):
@@ -92,7 +92,7 @@ def require_no_certificate(path: Path, cert: Path | None = None) -> None:
 
 
 def may_replace(path: Path, *beginnings: bytes) -> bool:
-    """Whether a file is empty or begins as what soter writes there, so that it may be replaced."""
+    """Whether a file may be replaced, as it is empty or begins like what soter writes there."""
     with path.open("rb") as stream:
         start = stream.read(64).lstrip().lower()
     return not start or start.startswith(beginnings)
@@ -129,7 +129,7 @@ def write_test_page(result: TestResult) -> Path:
 
 
 def write_trace_page(replay: Replayed, view: SequenceView, path: Path) -> Path:
-    """Writes a trace as a page of runs; `SoterError` D006, and D007 without its package."""
+    """Writes a trace as a page like that of a run; `SoterError` D006, D007 without plotly."""
     from soter.explore.trace_page import trace_page  # noqa: PLC0415 - see `soter.api`
     from soter.report.html import write_html  # noqa: PLC0415 - see `soter.api`
 

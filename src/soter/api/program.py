@@ -11,8 +11,8 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from soter.addons import by_name
-from soter.api.arguments import chosen_modules, end_ns, format_text, given_params, read_text
+from soter.addons import load_module
+from soter.api.arguments import chosen_modules, format_text, read_params, read_text, run_end_ns
 from soter.api.check_report import CheckReport, add_stale_monitors, check_report
 from soter.api.computed_ttf import compute_ttf
 from soter.api.output_files import (
@@ -23,8 +23,8 @@ from soter.api.output_files import (
     require_writers,
     write_advice,
 )
-from soter.diagnostics.command_records import make_record, needless, takes
-from soter.diagnostics.current_phase import telling_shares
+from soter.diagnostics.command_records import make_record, refuse_needless, takes
+from soter.diagnostics.current_phase import whole_shares_to
 from soter.diagnostics.diagnostic import Diagnostic, SoterError, mistake
 from soter.language.evaluate.statements import python_function
 from soter.language.front_end import CheckResult, check_file, system_of
@@ -89,7 +89,7 @@ class Program:
 
     @property
     def diagnostics(self) -> tuple[Diagnostic, ...]:
-        """All errors and warnings that the check found."""
+        """All errors and warnings of the check."""
         return self._checked.diagnostics.items
 
     @property
@@ -115,7 +115,7 @@ class Program:
 
     def check(self, params: Params = None, *, times: str | Path | None = None) -> CheckReport:
         """Reports on a sound program, else raises SoterError; `times`: of `soter measure`."""
-        values = self._values(params)
+        values = self._param_values(params)
         flat = self._checked.flat if self.ok and not values and times is None else {}
         if len(flat) < len(self.systems):
             flat = {n: system_of(self._checked, n, values, exact=False) for n in self.systems}
@@ -184,8 +184,8 @@ class Program:
         from soter.simulate.run_options import RunOptions  # noqa: PLC0415 - the same
 
         how = make_record(RunOptions, {"until": until, "seed": seed, "engine": engine, **options})
-        values = self._values(params)
-        with telling_shares(how.progress):
+        values = self._param_values(params)
+        with whole_shares_to(how.progress):
             prepared = self._prepared.prepared_system(self._checked, system, values, self._bound)
         if how.arm is not None:
             prepared = self._prepared.system_of_arm(prepared, how.arm, how.campaign)
@@ -193,7 +193,7 @@ class Program:
         require_writers(log if isinstance(log, (str, Path)) else None, how.report)
         report = None if how.report is None else Path(how.report).absolute()  # externs may move
         how = replace(how, trace=how.trace if report is None else True)
-        until_ns = 0 if how.recorded is not None else end_ns(prepared.system, until)
+        until_ns = 0 if how.recorded is not None else run_end_ns(prepared.system, until)
         bound = dict(self._bound)
         run = simulate(self._prepared, prepared, bound, how, until_ns=until_ns, writer=writer)
         if writer is not None and writer is not log and writer.problem is not None:
@@ -206,7 +206,7 @@ class Program:
         """Flies many seeds of a system: see `soter.api.campaigning.campaign`."""
         require_utf8(how.get("output"))
         bindings = self._bindings(self._completed(system, params, bound=self._bound)[0])
-        flown = by_name("soter.api.campaigning").campaign(bindings, self.path, **how)
+        flown = load_module("soter.api.campaigning").campaign(bindings, self.path, **how)
         return cast("Campaign", flown)
 
     def write_log(self, run: Run, path: str | Path) -> Path:
@@ -247,7 +247,7 @@ class Program:
 
         require_utf8(output, cert, mapping, board)
         fresh, completed = self.declared(system, params), partial(self._completed, system, params)
-        with telling_shares(progress):
+        with whole_shares_to(progress):
             how: dict[str, Any] = {"cert": cert, "mapping": mapping, "board": board}
             return build(target, Path(output), fresh, completed, self._bindings, **how)
 
@@ -268,22 +268,24 @@ class Program:
         the true states. `SoterError` U001 if a plant is not affine.
         """
         require_utf8(log)
-        needless("beside `log`", until=None not in (log, until), seed=log is not None and seed != 1)
+        refuse_needless(
+            "beside `log`", until=None not in (log, until), seed=log is not None and seed != 1
+        )
         flat = self.flat(system, params)
         run = None if log is not None else self.simulate(system, until, seed, params=params)
-        judge = by_name("soter.api.monitoring").judge_modules
+        judge = load_module("soter.api.monitoring").judge_modules
         judged = judge(flat, log, run, module, estimates=estimates)
         return cast("list[Judgement]", judged)
 
     def judge_log(self, log: Any, mapping: Any, **how: Any) -> LogJudgement:  # noqa: ANN401
         """Judges a log of another system by a mapping: see `soter.api.monitoring.judge_log`."""
-        judged = by_name("soter.api.monitoring").judge_log(self.flat, log, mapping, **how)
+        judged = load_module("soter.api.monitoring").judge_log(self.flat, log, mapping, **how)
         return cast("LogJudgement", judged)
 
     def assure(self, output: str | Path, **how: Any) -> Assurance:  # noqa: ANN401
         """Writes a safety case: see `soter.api.assurance.safety_case.assure`."""
         require_utf8(output, *how.values())
-        case = by_name("soter.api.assurance.safety_case").assure(self, output, **how)
+        case = load_module("soter.api.assurance.safety_case").assure(self, output, **how)
         return cast("Assurance", case)
 
     def emit_monitor(
@@ -302,7 +304,7 @@ class Program:
         require_utf8(path)
         flat = self.declared(system, params)
         chosen = chosen_modules(flat, module)[0]
-        write = by_name("soter.monitor.emitted_monitors").write_monitor
+        write = load_module("soter.monitor.emitted_monitors").write_monitor
         return cast("Path", write(flat, chosen, self.path, Path(path), alarm=alarm, params=params))
 
     def verify(
@@ -343,13 +345,13 @@ class Program:
             require_no_certificate(Path(report), Path(cert))
         if refute:
             from soter.explore.command import find_violating_run  # noqa: PLC0415 - needs a compiler
-        with telling_shares(progress):
+        with whole_shares_to(progress):
             return verify(
                 self._checked,
                 module=module,
                 system=system,
-                params=self._values(params),
-                given=params,
+                params=self._param_values(params),
+                written_params=params,
                 cert=None if cert is None else Path(cert),
                 refute=refute,
                 explain=explain,
@@ -377,7 +379,7 @@ class Program:
         self._require_sound()
         path = Path(self.path)
         target = path.with_name(f"{path.stem}_sc.soter") if output is None else Path(output)
-        how: Any = {"module": module, "system": system, "params": self._values(params)}
+        how: Any = {"module": module, "system": system, "params": self._param_values(params)}
         return tuple(synthesize(self._checked, target, **how))
 
     def advise(
@@ -401,8 +403,8 @@ class Program:
 
         if report is not None:
             require_writable(Path(report))
-        chosen = modules_of(self._checked, module, system, self._values(params))
-        with telling_shares(progress):
+        chosen = modules_of(self._checked, module, system, self._param_values(params))
+        with whole_shares_to(progress):
             advice = sweep_all(problems_of(chosen), factors, levels)
         if report is not None and advice:
             write_advice(advice, self.path, Path(report))
@@ -420,8 +422,8 @@ class Program:
         from soter.verify.chosen_modules import modules_of  # noqa: PLC0415 - the same
         from soter.verify.period_advice import largest_delay  # noqa: PLC0415 - needs a compiler
 
-        chosen = modules_of(self._checked, module, system, self._values(params))
-        with telling_shares(progress):
+        chosen = modules_of(self._checked, module, system, self._param_values(params))
+        with whole_shares_to(progress):
             return tuple(largest_delay(flat, m) for flat, m in chosen)
 
     def rest_clauses(self, budget_s: float = 120.0, **what: Any) -> tuple[ProofSearch, ...]:  # noqa: ANN401
@@ -429,8 +431,8 @@ class Program:
         from soter.verify.search.searched_program import searches_for_rest  # noqa: PLC0415 - needs a compiler
 
         what = {"module": None, "system": None, "params": None, **what}
-        what["params"] = self._values(what["params"])
-        with telling_shares(what.pop("progress", None)):
+        what["params"] = self._param_values(what["params"])
+        with whole_shares_to(what.pop("progress", None)):
             return searches_for_rest(self._checked, what, budget_s)
 
     @takes("soter.explore.search_options.SearchOptions")
@@ -455,16 +457,16 @@ class Program:
         assert self._checked.program is not None
         return self._checked.program
 
-    def _values(self, params: Mapping[str, object] | None) -> dict[str, Value]:
-        return given_params(self._require_sound(), params)
+    def _param_values(self, params: Mapping[str, object] | None) -> dict[str, Value]:
+        return read_params(self._require_sound(), params)
 
     def flat(self, system: str | None = None, params: Mapping[str, object] | None = None) -> System:
         """A new flat system as it runs: all numbers known, instances named, predicates computed."""
         return self._completed(system, params)[0]
 
     def declared(self, system: str | None = None, params: Params = None) -> System:
-        """As `flat`, but predicates that are to be computed are not."""
-        return system_of(self._checked, system, self._values(params))
+        """A flat system as in `flat`, but without the computed predicates."""
+        return system_of(self._checked, system, self._param_values(params))
 
     def diagram(self, system: str | None = None, params: Params = None) -> Diagram:
         """The diagram of a system: nodes, topics, modules and plants; `svg`, `write(path)`."""
@@ -474,7 +476,7 @@ class Program:
 
     @property
     def bound(self) -> Mapping[str, object]:
-        """By name of an extern: what `bind` was given for it."""
+        """By name of an extern: the target that `bind` was given."""
         return dict(self._bound)
 
     def _completed(
@@ -484,7 +486,7 @@ class Program:
         known: Known | None = None,
         bound: Mapping[str, object] | None = None,
     ) -> tuple[System, list[str]]:
-        """A fresh flat system whose modules all have `ttf` and `safer`; a note on each computed."""
+        """A fresh flat system with all `ttf` and `safer`, and a note on each computed one."""
         system = self.declared(name, params)
         return system, compute_ttf(system, known, bound)
 

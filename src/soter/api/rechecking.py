@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING, Any
 from soter.api.arguments import params_from_json
 from soter.api.computed_ttf import compute_ttf
 from soter.api.output_files import write_trace_page
-from soter.diagnostics.current_phase import telling_shares
+from soter.diagnostics.current_phase import whole_shares_to
 from soter.diagnostics.diagnostic import SoterError, mistake
 from soter.language.evaluate.arithmetic import require_plain
 from soter.language.front_end import check_file, system_of_test
 from soter.report.templates import PageSection
-from soter.version import VERSION, pip_install
+from soter.version import VERSION, pip_command
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -58,7 +58,7 @@ def recheck(
     from soter.certificate.reading.folder import NotACertificateError  # noqa: PLC0415 - an extra
     from soter.certificate.rechecker import recheck as check  # noqa: PLC0415 - an extra
 
-    with telling_shares(progress):
+    with whole_shares_to(progress):
         try:
             flights = open_flights(Path(folder), list(map(str, logs))) if logs else None
             report = check(Path(folder))
@@ -70,17 +70,17 @@ def recheck(
 
 
 def require_flint() -> None:
-    """Raises SoterError D007 if python-flint, the re-checker's arithmetic, is not installed."""
+    """Raises SoterError D007 without python-flint, the arithmetic of the re-checker."""
     if find_spec("flint") is None:
         raise mistake(
             "D007",
             "certificates are checked with `python-flint`, which is not installed",
-            f"install it: {pip_install('recheck')}",
+            f"install it: {pip_command('recheck')}",
         )
 
 
 def no_certificate_error(error: Exception) -> SoterError:
-    """The error D009 for a folder that has no certificate."""
+    """The error D009 for a folder that is not a certificate."""
     message = f"this is no certificate: {error}"
     return mistake("D009", message, "`soter verify --cert DIR` makes one")
 
@@ -139,13 +139,13 @@ class ReplayReport:
 
 
 def _counterexample_page(report: ReplayReport, run: CounterexampleRun) -> ReportPage:
-    """The last instants of a run that refutes a proof, as far as the prover kept them."""
+    """The page of the last instants of a refuting run, as far as the prover kept them."""
     from soter.diagram.svg import picture  # noqa: PLC0415 - see `soter.api`
     from soter.report.run import counterexample_page as pages  # noqa: PLC0415 - needs NumPy
 
     same, head, rows = counterexample_table(run)
     words, says = f"{report.outcome}.", (ROWS, same) if same else (ROWS,)
-    page_words = pages.Told(
+    page_words = pages.PageWords(
         title=report.program,
         headline=words,
         subtitle="",
@@ -168,7 +168,7 @@ def _counterexample_page(report: ReplayReport, run: CounterexampleRun) -> Report
 def counterexample_table(
     run: CounterexampleRun,
 ) -> tuple[str, tuple[str, ...], tuple[tuple[str, ...], ...]]:
-    """What a run's last instants have in common, and a table's head and rows for the rest."""
+    """A sentence on what a run's last instants share, and head and rows of a table for the rest."""
     rows = _instant_rows(run)
     columns = {
         n: tuple(r.get(n, "") for r in rows) for n in dict.fromkeys(n for r in rows for n in r)
@@ -180,7 +180,7 @@ def counterexample_table(
 
 
 def _instant_rows(run: CounterexampleRun) -> list[dict[str, str]]:
-    """By name, the values that each instant shows."""
+    """For each instant: by name, the values that it shows, as text."""
     from soter.explore.trace_view import value_text  # noqa: PLC0415 - see `soter.api`
 
     rows: list[dict[str, str]] = []
@@ -194,7 +194,7 @@ def _instant_rows(run: CounterexampleRun) -> list[dict[str, str]]:
 
 
 def _named_values(name: str, value: object) -> Iterator[tuple[str, object]]:
-    """Yields (name, value) for each part of a JSON value that is no record."""
+    """Yields (name, value) for every part of a JSON value that is not an object."""
     if not isinstance(value, dict):
         yield name, value
         return
@@ -226,7 +226,7 @@ def _replay_trace(trace: Trace, file: Path) -> ReplayReport:
     if not Path(path).exists():
         raise traces.missing_program_error(trace, path)
     checked = check_file(path)
-    if not checked.begins:
+    if not checked.begins_as_program:
         raise traces.changed_program_error(trace, path)
     if not checked.ok or checked.program is None:
         raise SoterError(checked.diagnostics.items)

@@ -17,22 +17,27 @@ from functools import partial as partial_
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from soter.addons import by_name
+from soter.addons import load_module
 from soter.api.computed_ttf import compute_ttf
 from soter.core.layout import state_layout
 from soter.diagnostics.current_phase import phase
 from soter.language.front_end import CheckResult, system_of
-from soter.native.extern_bindings import Bindings, bind, bind_again, bind_derived
+from soter.native.extern_bindings import Bindings, bind, bind_derived, bind_objects
 from soter.report.wording import changed_parameters
 from soter.semantics.externs import Stop
-from soter.simulate.externs.c_extern import linked_content
-from soter.simulate.externs.callables import assumptions, callables, close_externs, require_runnable
+from soter.simulate.externs.c_extern import linked_c_hash
+from soter.simulate.externs.callables import (
+    close_externs,
+    load_callables,
+    policy_assumptions,
+    require_runnable,
+)
 from soter.simulate.interrupt import (
     ANY_END,
     INTERRUPT,
     StopRequest,
     current_stop_request,
-    raise_again,
+    raise_signal_again,
     signal_name,
     stoppable_run,
 )
@@ -55,12 +60,12 @@ T = TypeVar("T")
 
 
 class RecentlyUsed(OrderedDict[tuple[object, ...], T]):
-    """Keeps the results of the `KEPT_MAX` keys that were asked for last."""
+    """The results for the last `KEPT_MAX` keys that were asked for."""
 
     def get_or_make(
         self, key: tuple[object, ...], make: Callable[[], T], *, again: bool = False
     ) -> T:
-        """The result that is kept for `key`; where there is none, or `again`, that of `make`."""
+        """The result kept for `key`; `make` makes it if there is none, or if `again`."""
         if again or key not in self:
             self[key] = make()
         self.move_to_end(key)
@@ -87,7 +92,7 @@ class PreparedSystem:
 
 
 class PreparedSystems:
-    """Keeps the systems that one `Program` has prepared."""
+    """Keeps the systems that a `Program` has prepared for runs."""
 
     def __init__(self) -> None:
         self._kept: RecentlyUsed[PreparedSystem] = RecentlyUsed()
@@ -127,17 +132,17 @@ class PreparedSystems:
     ) -> PreparedSystem:
         """The system by the rules of a campaign's arm, not kept; SoterError U001, D006."""
         system = prepared.system
-        named = by_name("soter.campaign.arms").system_of_arm(system, name, Path(folder or "."))
+        named = load_module("soter.campaign.arms").system_of_arm(system, name, Path(folder or "."))
         if named is system:
             return prepared
         bindings = bind_derived(prepared.bindings, named)
         return PreparedSystem(named, prepared.computed, bindings, arm=name)
 
-    def compiled(self, prepared: PreparedSystem) -> NativeProgram:
-        """The compiled system; it is compiled again if the C of an extern has changed."""
+    def native_program(self, prepared: PreparedSystem) -> NativeProgram:
+        """The compiled system; compiled again if the C of an extern has changed."""
         with self._lock:
             core = prepared.bindings.core
-            linked = linked_content(prepared.system, core)
+            linked = linked_c_hash(prepared.system, core)
             if prepared.native is None or prepared.linked != linked:
                 prepared.native = NativeProgram(prepared.system, core=core)
                 prepared.linked = linked
@@ -153,8 +158,8 @@ def simulate(
     until_ns: int,
     writer: RunLog | None,
 ) -> Run:
-    """Runs a system as `Program.simulate`, `targets` bound; KeyboardInterrupt unless `partial`."""
-    stop, bindings = current_stop_request(), bind_again(prepared.bindings, targets)
+    """Runs a system as `Program.simulate` says; KeyboardInterrupt unless `partial`."""
+    stop, bindings = current_stop_request(), bind_objects(prepared.bindings, targets)
     paced = ""
     if options.real_time:
         from soter.simulate.real_time import why_not_real_time  # noqa: PLC0415 - only then
@@ -162,12 +167,12 @@ def simulate(
         paced = why_not_real_time(bindings, options.engine)
     bound: dict[str, object] = {}
     if options.recorded is not None or (options.real_time and not paced):
-        seed, engine, go = _bound_engine(bindings, options)
+        seed, engine, go = _engine_setup(bindings, options)
     else:
         seed, engine, apart = options.seed, options.engine, options.apart and hasattr(os, "fork")
-        bound = callables(bindings, engine, stop, apart=apart)
+        bound = load_callables(bindings, engine, stop, apart=apart)
         go = _engine_function(engine, preparations, prepared)
-    answered = bindings.files()
+    answered = bindings.file_hashes()
     _begin_log(writer, bindings, answered, seed, engine)
     try:
         phase(f"running {bindings.system.name}", anew=True)
@@ -191,30 +196,30 @@ def simulate(
         raise
     finally:
         close_externs(bound)
-    run.externs, run.extern_files = bindings.texts(), answered
+    run.externs, run.extern_files = bindings.binding_texts(), answered
     run.paced = paced
     run.page = _inline_page
-    run.computed = [*prepared.computed, *assumptions(bound)]
+    run.computed = [*prepared.computed, *policy_assumptions(bound)]
     run.proofs = stored_verdicts(prepared.system) if prepared.arm is None else {}
     _end_log(writer, run, stop)
     if run.interrupted and not options.partial:
-        raise_again(stop)
+        raise_signal_again(stop)
     return run
 
 
-def _bound_engine(bindings: Bindings, options: RunOptions) -> tuple[int, str, Callable[..., Run]]:
-    """Seed, name and function of the engine that flies a recording, or in real time."""
+def _engine_setup(bindings: Bindings, options: RunOptions) -> tuple[int, str, Callable[..., Run]]:
+    """Seed, name and function of the engine that flies a recording or in real time."""
     from soter.simulate.flight_recording import FlightRecording  # noqa: PLC0415 - only here
     from soter.simulate.real_time import run_real_time, run_recorded  # noqa: PLC0415 - only here
 
-    def in_real_time(until_ns: int, seed: int, _bound: object, **how: Any) -> Run:  # noqa: ANN401
+    def fly_in_real_time(until_ns: int, seed: int, _bound: object, **how: Any) -> Run:  # noqa: ANN401
         """The engine for real time, which needs no pacer and shows its own progress."""
         wanted = {k: how[k] for k in ("keep_trace", "hash_trace", "stop", "also")}
         return run_real_time(bindings, until_ns, seed, quiet=not options.apart, **wanted)
 
     if options.recorded is None:
         require_runnable(bindings, options.engine)
-        return options.seed, options.engine, in_real_time
+        return options.seed, options.engine, fly_in_real_time
     recording = FlightRecording(Path(options.recorded), bindings.system)
 
     def recorded(_until_ns: int, _seed: int, _bound: object, **how: Any) -> Run:  # noqa: ANN401
@@ -235,7 +240,7 @@ def _begin_log(
         return
     hashes = {f"{n} sha256 {f}": h for n, files in answered.items() for f, h in files.items()}
     layout = state_layout(bindings.system)
-    writer.begin(bindings.system, layout, seed, engine, {**bindings.texts(), **hashes})
+    writer.begin(bindings.system, layout, seed, engine, {**bindings.binding_texts(), **hashes})
 
 
 def _end_log(writer: RunLog | None, run: Run, stop: StopRequest) -> None:
@@ -246,14 +251,14 @@ def _end_log(writer: RunLog | None, run: Run, stop: StopRequest) -> None:
 def _engine_function(
     engine: str, preparations: PreparedSystems, prepared: PreparedSystem
 ) -> Callable[..., Run]:
-    """The function that runs the system; lowering and compiling happen here, before the run."""
+    """The function that runs the system; lowering and compiling are done here, before the run."""
     if engine == "interp":
         return partial_(run_interpreted, prepared.system)
-    return partial_(preparations.compiled(prepared).run, observed=True)
+    return partial_(preparations.native_program(prepared).run, observed=True)
 
 
 def _inline_page(run: Run) -> str:
-    """The report of a run as HTML in one text; "" without a whole trace or the extra `report`."""
+    """The report of a run as one HTML text; "" without a full trace or the extra `report`."""
     from soter.simulate.run_report import inline_report  # noqa: PLC0415 - an extra
 
     if run.trace is None or run.recorded is not None:
@@ -263,7 +268,7 @@ def _inline_page(run: Run) -> str:
 
 
 def _report_facts(run: Run, program: str) -> dict[str, str]:
-    """By name: the facts about a run that its report shows."""
+    """The facts about a run that its report shows, by name."""
     return {
         "program": program,
         "program sha256": run.system.program.sha256,

@@ -48,7 +48,7 @@ class Arm:
 def find_arms(system: System, names: Sequence[str], lateness: Sequence[int]) -> list[Arm]:
     """The arms of these names, `ours` first; SoterError U001 for an unknown name.
 
-    `lateness`: quantiles of a measured release lateness, ns, for the paper's rules.
+    `lateness`: quantiles of a measured release lateness in ns, for the paper's rules.
     """
     unknown = [n for n in names if n not in NAMES]
     if unknown:
@@ -56,7 +56,7 @@ def find_arms(system: System, names: Sequence[str], lateness: Sequence[int]) -> 
         raise SoterError((Diagnostic("U001", f"there is no arm `{unknown[0]}`", helps=helps),))
     arms = [Arm(OURS, system, "the system as it is declared")]
     if ALONE in names:
-        arms.append(Arm(ALONE, _ac_alone(system), "every module forced to AC"))
+        arms.append(Arm(ALONE, _with_ac_alone(system), "every module forced to AC"))
     if PAPER in names:
         most = f"{lateness[-1] / 1e6:.1f} ms" if lateness else "so"
         text = f"nodes in any order, each release up to {most} late, as measured"
@@ -86,7 +86,7 @@ def system_of_arm(system: System, name: str, folder: Path) -> System:
     return arm_by_name[name].system
 
 
-def _ac_alone(system: System) -> System:
+def _with_ac_alone(system: System) -> System:
     for m in system.modules:
         system = with_forced_mode(system, m.index, "ac")
     return system
@@ -107,15 +107,14 @@ def _sweep_arms(system: System, group: str, burst_ns: int) -> list[Arm]:
 
 
 def _held_components(system: System, group: str) -> list[Component]:
-    """The components that a sweep of this group holds up."""
     return [c for c in system.components if c.role in GROUPS[group]]
 
 
 def _hold_fault(c: Component, group: str, burst_ns: int) -> Fault:
     """The fault that holds a component up in `share` of all slots, each a burst long.
 
-    A slot drawn with p is only a burst where the slot before it was not (`apart`): p (1 - p) is the
-    share.
+    Each slot is drawn with probability p, and is a burst only if the slot before it was not drawn
+    (`apart`), so that the share is p (1 - p).
     """
     share = BURSTS_PER_HOUR / 3600.0 * (burst_ns / 1e9)
     p = (1.0 - sqrt(1.0 - 4.0 * share)) / 2.0
@@ -129,7 +128,7 @@ def _hold_fault(c: Component, group: str, burst_ns: int) -> Fault:
 
 
 def _lateness_faults(system: System, lateness: Sequence[int]) -> list[Fault]:
-    """A fault for each component: every release is as late as measured, each drawn on its own."""
+    """A fault for each component: each of its releases is late by one of the measured times."""
     times = tuple(lateness)
     return [
         _component_fault(
@@ -140,7 +139,7 @@ def _lateness_faults(system: System, lateness: Sequence[int]) -> list[Fault]:
 
 
 def _component_fault(c: Component, fault: Fault) -> Fault:
-    """The fault of a component; proofs allow that of an AC."""
+    """The fault, marked as inside the assumptions of proofs if the component is an AC."""
     if c.role == "ac":
         return replace(fault, inside="AC may do anything")
     return fault

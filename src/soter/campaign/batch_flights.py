@@ -26,7 +26,7 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.evaluate.arithmetic import require_plain
 from soter.language.load.named_files import POLICIES
 from soter.native.c_interface import address, declarations, interface, open_library
-from soter.native.cache import cached, digest
+from soter.native.cache import cached_folder, digest
 from soter.native.compiler import FAST, compile_with, find_compiler, vector_flags
 from soter.native.kept_state import why_input_is_unknown
 from soter.native.shared_library import (
@@ -96,44 +96,44 @@ class Flyer:
             at = partial(address, self.ffi, path)
             self._program = at(tables[0], "const soter_program *")
             self._measured = at(tables[1], "const soter_measured *")
-        self._own = threading.local()
+        self._of_thread = threading.local()
         most = 1 if recipe.keeps else BATCH_BYTES // unit.layout.size
         self.at_once = max(1, min(AT_ONCE, most))
 
     def fly(self, numbers: Sequence[int], first_seed: int) -> list[FlightOutcome]:
-        """The flights of these numbers, in that order; flight k has the seed `first_seed` + k."""
+        """Flies the flights of these numbers, in order; flight k has the seed `first_seed` + k."""
         flights: list[FlightOutcome] = []
         for begin in range(0, len(numbers), self.at_once):
             flights += self._fly_batch(numbers[begin : begin + self.at_once], first_seed)
         return flights
 
     def _fly_batch(self, numbers: Sequence[int], first_seed: int) -> list[FlightOutcome]:
-        room = getattr(self._own, "room", ROOM)
+        room = getattr(self._of_thread, "room", ROOM)
         batch: list[FlightOutcome] = []
         while len(batch) < len(numbers):
             left = numbers[len(batch) :]
-            got = _BatchOutput(self, len(left), room)
+            output = _BatchOutput(self, len(left), room)
             for k, number in enumerate(left):
-                got.flights[k].seed = (first_seed + number) & (2**64 - 1)
-            done = self._run_batch(got, left)
-            records, at = got.states.view(self.dtype), 0
+                output.flights[k].seed = (first_seed + number) & (2**64 - 1)
+            done = self._run_batch(output, left)
+            records, at = output.states.view(self.dtype), 0
             for k in range(done):
-                flight = got.flights[k]
-                events = got.events[at : at + flight.events]
+                flight = output.flights[k]
+                events = output.events[at : at + flight.events]
                 at += flight.events
                 digests = [
                     self.ffi.string(h).decode("ascii") for h in (flight.digest, flight.trajectory)
                 ]
                 flown = self._read_flight(left[k], flight.seed, events, records[k][0], digests)
-                batch.append(replace(flown, **got.saves_and_looks(k)))
+                batch.append(replace(flown, **output.saves_and_looks(k)))
             if done < len(left):
                 room *= 4
-                self._own.room = room
+                self._of_thread.room = room
         return batch
 
-    def _run_batch(self, got: _BatchOutput, numbers: Sequence[int]) -> int:
-        """Flies; returns how many flights had room; SoterError X011, X012 for what C broke."""
-        call = (self._program, got.flights, len(numbers), got.order)
+    def _run_batch(self, output: _BatchOutput, numbers: Sequence[int]) -> int:
+        """Flies a batch; returns how many flights had room for events; SoterError X011, X012."""
+        call = (self._program, output.flights, len(numbers), output.order)
         if not self.recipe.keeps:
             flown = int(self.lib.soter_batch(*call, self.ffi.new("size_t *")))
             require_plain()
@@ -143,7 +143,8 @@ class Flyer:
         if done[0] == UNLOADED:
             open_library(self.ffi, self.path)
         if done[0] < 0:
-            raise _gone(numbers[0], int(got.flights[0].seed), status, changed=done[0] == CHANGED)
+            seed, changed = int(output.flights[0].seed), done[0] == CHANGED
+            raise _process_error(numbers[0], seed, status, changed=changed)
         return int(done[0])
 
     def _read_flight(
@@ -199,7 +200,7 @@ class Fleet(Flyer):
         core: CoreSystem | None = None,
         horizon_ns: int = 0,
     ) -> None:
-        """Compiles; SoterError U003 if the system needs what only Python answers.
+        """Compiles the system; SoterError U003 if it has an extern that only Python answers.
 
         `horizon_ns`: how far AC is flown on after it lost control, to count saves; 0: not at all.
         """
@@ -219,8 +220,8 @@ class Fleet(Flyer):
             raise SoterError((Diagnostic("U003", message, notes=(note,), helps=helps),))
         super().__init__(recipe)
 
-    def code(self) -> dict[str, Any]:
-        """The C that flies, as fields of `CampaignIdentity`; SoterError X003, X004.
+    def code_fields(self) -> dict[str, Any]:
+        """The fields of `CampaignIdentity` on the C that flies; SoterError X003, X004.
 
         With an extern's C also the compiler: nobody has shown that all give the same bits.
         """
@@ -242,12 +243,12 @@ def _process_library() -> Path:
     """The library of `soter_apart.c`, which loads those of flights; SoterError X003, X004."""
     compiler, flags = find_compiler(), (*library_flags(), *include_flags(APART))
 
-    def make(work: Path) -> None:
+    def compile_in(work: Path) -> None:
         command = [*compiler.command, *flags, "-o", LIBRARY, str(APART), "-ldl"]
         compile_with(command, work, "processes for flights do not compile", (REPORT,))
 
     content = digest((compiler.identity, *flags, *c_texts(APART)))
-    return cached("apart", content, (LIBRARY,), make) / LIBRARY
+    return cached_folder("apart", content, (LIBRARY,), compile_in) / LIBRARY
 
 
 def shared_zeros(shape: tuple[int, ...], dtype: npt.DTypeLike) -> npt.NDArray[Any]:
@@ -257,7 +258,7 @@ def shared_zeros(shape: tuple[int, ...], dtype: npt.DTypeLike) -> npt.NDArray[An
     return np.frombuffer(memory, dtype, count).reshape(shape)
 
 
-def _gone(number: int, seed: int, status: int, *, changed: bool) -> SoterError:
+def _process_error(number: int, seed: int, status: int, *, changed: bool) -> SoterError:
     """The error of a flight whose process an extern's C ended or changed; `status`: of waitpid."""
     code = os.waitstatus_to_exitcode(status) if status >= 0 else 0
     how = (
@@ -310,7 +311,7 @@ class _BatchOutput:
             setattr(self.order, name, ffi.cast(kind, array.ctypes.data))
 
     def saves_and_looks(self, k: int) -> dict[str, Any]:
-        """The looks of flight number k of the call, and its saves if they are counted."""
+        """The fields of flight number k of the call: its looks, and its saves if counted."""
         fields: dict[str, Any] = {"looks": tuple(self._metric_samples(k))}
         if self.fleet.horizon_ns:
             fields["saves"] = tuple(self.saves[k].tolist())
@@ -333,8 +334,8 @@ IN_C = (
 )
 
 
-def _compiled_instead(outside: Sequence[Component], program: str) -> tuple[str, ...]:
-    """Help lines: what can fly in place of a node that Python or a policy answers."""
+def _help_for_extern_nodes(outside: Sequence[Component], program: str) -> tuple[str, ...]:
+    """The help lines on what can fly in place of a node that Python or a policy answers."""
     kind, _, file = (outside[0].binding or "" if outside else "").partition(":")
     written: tuple[str, ...] = ()
     if kind in POLICIES and Path(file.partition(":")[0]).is_file():
@@ -354,14 +355,14 @@ def _compiled_instead(outside: Sequence[Component], program: str) -> tuple[str, 
 
 
 def _require_externs_in_c(system: System, core: CoreSystem) -> None:
-    """Raises SoterError U003 if only Python answers a node or function, or nobody does."""
+    """Raises SoterError U003 if a node, plant or function is extern and not bound to C."""
 
     def in_c(binding: str | None) -> bool:
         return (binding or "").startswith("c:")
 
     outside = [c for c in system.components if c.extern and not (c.node and in_c(c.binding))]
     names = [c.name for c in outside]
-    kind, helps = "node", _compiled_instead(outside, system.program.path)
+    kind, helps = "node", _help_for_extern_nodes(outside, system.program.path)
     if outside and outside[0].plant is not None:
         kind, helps = "plant", (IN_C,)
     if not names:
@@ -399,16 +400,16 @@ def _common_spans(spans: list[list[tuple[int, int]]]) -> list[tuple[int, int]]:
     """The spans in which all these lists overlap."""
     overlap = spans[0]
     for other in spans[1:]:
-        both, i, k = [], 0, 0
+        common, i, k = [], 0, 0
         while i < len(overlap) and k < len(other):
             low, high = max(overlap[i][0], other[k][0]), min(overlap[i][1], other[k][1])
             if low < high:
-                both.append((low, high))
+                common.append((low, high))
             if overlap[i][1] < other[k][1]:
                 i += 1
             else:
                 k += 1
-        overlap = both
+        overlap = common
     return overlap
 
 
@@ -417,7 +418,7 @@ def _total_s(spans: Iterable[tuple[int, int]]) -> float:
 
 
 def _episode_count(events: npt.NDArray[Any], module: int) -> int:
-    """How many episodes there are in events (n,): disengagements close together count as one."""
+    """The number of episodes in events (n,): disengagements close together count as one."""
     module_events = _events_of_module(events, module)
     times = module_events[module_events["kind"] == TO_SC]["time"]
     if not len(times):

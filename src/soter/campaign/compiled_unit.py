@@ -30,21 +30,21 @@ if TYPE_CHECKING:
 
 NEVER = c.Name("SOTER_NEVER")
 NODES = ("node ", "module ")
-"""How the driver of a topic begins that nodes publish."""
+"""The beginnings of `Topic.driver` for topics that nodes publish."""
 
 
 def generate_measured(
     system: System, core: CoreSystem | None = None, *, remembers: bool = True
 ) -> Unit:
-    """The unit of a system with its measures.
+    """The unit of a system, with its measures.
 
     `remembers`: calls whose arguments have not changed are not computed again.
     """
-    return MeasuredUnitBuilder(system, core or lower(system), remembers=remembers).run()
+    return MeasuredUnitBuilder(system, core or lower(system), remembers=remembers).build_unit()
 
 
-DEAR = 16
-"""A DM's call is remembered if it may take so many operations for each word of its arguments."""
+OPERATIONS_PER_WORD = 16
+"""A DM's call is remembered if it may take more operations for each word of its arguments."""
 
 
 class MeasuredUnitBuilder(UnitBuilder):
@@ -53,7 +53,7 @@ class MeasuredUnitBuilder(UnitBuilder):
     def __init__(self, system: System, core: CoreSystem, *, remembers: bool = True) -> None:
         super().__init__(system, core, None)
         self.remembers = remembers
-        self.remembered = _dear_calls(core) if remembers else frozenset()
+        self.remembered = _expensive_functions(core) if remembers else frozenset()
         self.frame.works_in_place = True
 
     def function_definitions(self, f: Function) -> list[c.CTop]:
@@ -63,10 +63,10 @@ class MeasuredUnitBuilder(UnitBuilder):
             return [made]
         anew = f"{made.name}_anew"
         result = self.types.work_type(f.result_type)
-        return [replace(made, name=anew), *_with_memory(made, anew, result)]
+        return [replace(made, name=anew), *_remembering_function(made, anew, result)]
 
     def property_function(self, p: Property, predicate: Predicate) -> c.FunctionDef:
-        """The C that judges a property, only anew when a topic that it reads is published."""
+        """The C that judges a property, anew only when a topic that it reads was published."""
         made = super().property_function(p, predicate)
         topics = self._topics_read(predicate) if self.remembers else ()
         if p.component is not None or not topics or made.body is None:
@@ -85,7 +85,7 @@ class MeasuredUnitBuilder(UnitBuilder):
         return replace(made, body=(first, c.IfStmt(old, (c.Return(active),)), *rest))
 
     def _topics_read(self, predicate: Predicate) -> tuple[int, ...]:
-        """The topics that a predicate reads; () if it reads more than topics of nodes."""
+        """The topics that a predicate reads; () if it reads anything but topics of nodes."""
         cells = predicate.footprint.reads
         if not cells or predicate.footprint.modes or predicate.footprint.stamps:
             return ()
@@ -139,10 +139,10 @@ def _measure_row(measure: Metric, name: str) -> c.CExpr:
     )
 
 
-def _dear_calls(core: CoreSystem) -> frozenset[str]:
-    """Functions that predicates of DMs call, and that take long for the size of their arguments.
+def _expensive_functions(core: CoreSystem) -> frozenset[str]:
+    """The functions that predicates of DMs call and that take long for the size of their arguments.
 
-    A DM calls them at every period on what may not have changed for long, such as a plan.
+    A DM calls them in every period, often with the same arguments, such as a plan.
     """
     functions = {f.name: f for f in core.functions}
     called = {
@@ -154,13 +154,12 @@ def _dear_calls(core: CoreSystem) -> frozenset[str]:
     }
     known = operations_by_name(core.functions)
     words = {n: sum(size_of(p.type) for p in functions[n].parameters) / 8 for n in called}
-    return frozenset(
-        n for n in called if functions[n].source is None and words[n] and known[n] > DEAR * words[n]
-    )
+    computed = [n for n in called if functions[n].source is None and words[n]]
+    return frozenset(n for n in computed if known[n] > OPERATIONS_PER_WORD * words[n])
 
 
-def _with_memory(made: c.FunctionDef, anew: str, result: str) -> list[c.CTop]:
-    """The C of `made`, which keeps its last arguments and result for each thread.
+def _remembering_function(made: c.FunctionDef, anew: str, result: str) -> list[c.CTop]:
+    """The C of `made` that keeps its last arguments and result for each thread, and calls `anew`.
 
     Arguments are compared as bytes: structs have no holes. Large ones go by address (decision 109).
     """
@@ -182,7 +181,7 @@ def _with_memory(made: c.FunctionDef, anew: str, result: str) -> list[c.CTop]:
     for k, (_, value) in enumerate(remembered):
         kept_value = c.Unary("&", c.Member(last, f"given_{k}"))
         size = c.CallExpr("sizeof", (value,))
-        same = c.CallExpr("memcmp", (kept_value, c.address(value), size))
+        same = c.CallExpr("memcmp", (kept_value, c.address_of(value), size))
         known = c.Binary("&&", known, c.Binary("==", same, c.Number("0")))
     arguments: list[c.CExpr] = [c.Name(n) for _, n in made.parameters if n not in {"fault", "made"}]
     arguments += [c.Unary("&", answer)] if large else []

@@ -1,6 +1,6 @@
-"""Fly a campaign: its flights by threads or on a Ray cluster, stored as they come.
+"""Flies a campaign: its flights by threads or on a Ray cluster, stored as they come.
 
-Purpose: `fly` takes a fleet and a folder to all flights, which are the same whatever flies them:
+Purpose: `fly` flies all flights of a fleet and stores them; they are the same whatever flies them:
 threads, or the workers that `join_cluster` gives, on Ray. The recipe is sent (the generated C and
 how to read a state); each process compiles it once and keeps it. A batch whose worker dies is flown
 again by another one.
@@ -28,7 +28,7 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.evaluate.arithmetic import require_plain
 from soter.native.cache import digest, files_below
 from soter.native.shared_library import NEVER_SHIPPED, RUNTIME
-from soter.version import pip_install
+from soter.version import pip_command
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -46,13 +46,13 @@ AHEAD = 4
 
 
 class PendingBatch(Protocol):
-    """A batch that some worker was asked for."""
+    """A batch of flights that a worker was asked to fly."""
 
     def result(self) -> list[FlightOutcome]:
         """Waits for the flights, and gives them; raises the worker's error."""
 
     def cancel(self) -> object:
-        """Cancels the batch: nobody wants its flights any more."""
+        """Cancels the batch, whose flights nobody wants any more."""
 
 
 def fly(
@@ -65,7 +65,7 @@ def fly(
     """Flies those of `count` flights that the store does not have, and stores each batch."""
     todo = range(len(store.flights), count)
     for flights in fly_batches(fleet, todo, store.about.first_seed, workers):
-        store.add(flights)
+        store.add_flights(flights)
         progress(len(store.flights) / count)
 
 
@@ -76,8 +76,8 @@ def fly_batches(
     batches = deque(numbers[k : k + fleet.at_once] for k in range(0, len(numbers), fleet.at_once))
     waiting: deque[PendingBatch] = deque()
     cores = workers if isinstance(workers, int) else workers.cores
-    crew = _thread_pool(fleet, workers) if isinstance(workers, int) else workers.crew(fleet.recipe)
-    with crew as ask:
+    pool = _thread_pool(fleet, workers) if isinstance(workers, int) else workers.pool(fleet.recipe)
+    with pool as ask:
         try:
             while batches or waiting:
                 while batches and len(waiting) < AHEAD * cores:
@@ -90,7 +90,7 @@ def fly_batches(
 
 @contextmanager
 def _thread_pool(fleet: Fleet, workers: int) -> Iterator[AskFlights]:
-    """Gives a function that flies batches in threads, as C runs without Python's lock."""
+    """Makes a `with` block with a function that flies batches in threads, without Python's lock."""
     with ThreadPoolExecutor(workers) as pool:
         yield lambda numbers, first: pool.submit(fleet.fly, numbers, first)
 
@@ -114,13 +114,13 @@ def require_ray() -> None:
     """Raises SoterError D007 if Ray is not installed."""
     if find_spec("ray") is None:
         message = "a cluster is flown on with the package `ray`, which is not installed"
-        helps = (f"install it: {pip_install('cluster')}; `--workers local` flies the same here",)
+        helps = (f"install it: {pip_command('cluster')}; `--workers local` flies the same here",)
         raise SoterError((Diagnostic("D007", message, helps=helps),))
 
 
 @contextmanager
 def join_cluster() -> Iterator[RayCluster]:
-    """The cluster of $RAY_ADDRESS, else one that runs here, else one that is started here.
+    """Makes a `with` block that has the cluster of $RAY_ADDRESS, or else one on this machine.
 
     A cluster that this call joined or started is left at the end of the block. SoterError D007
     without Ray, D018 if it cannot be joined.
@@ -146,19 +146,19 @@ def join_cluster() -> Iterator[RayCluster]:
 
 @dataclass(frozen=True)
 class RayCluster:
-    """A cluster that was joined. `ray`: the module."""
+    """A cluster that was joined; `ray`: the Python module."""
 
     ray: Any
     cores: int
 
     @contextmanager
-    def crew(self, recipe: Recipe) -> Iterator[AskFlights]:
-        """Gives a function that sends each batch of a recipe to any process of the cluster."""
+    def pool(self, recipe: Recipe) -> Iterator[AskFlights]:
+        """Makes a `with` block with a function that sends batches of a recipe to the cluster."""
         ray = self.ray
         packed = pickle.dumps(recipe)
         sent = ray.put(packed)
         task = ray.remote(num_cpus=1, max_retries=0)(fly_batch)
-        key, soter = digest([packed.hex()]), own_digest()
+        key, soter = digest([packed.hex()]), soter_digest()
         yield lambda numbers, first: _Batch(
             ray, lambda: task.remote(key, sent, soter, list(numbers), first), numbers
         )
@@ -203,10 +203,10 @@ _flyers: dict[str, Flyer] = {}
 
 
 def fly_batch(key: str, packed: bytes, soter: str, numbers: list[int], first: int) -> WorkerReply:
-    """Flies a batch in a process of the cluster; `soter`: the `own_digest` of who asked."""
+    """Flies a batch in a process of the cluster; `soter`: the `soter_digest` of the sender."""
     try:
         require_plain()
-        if soter != own_digest():
+        if soter != soter_digest():
             raise _trouble("a worker has another Soter", "its flights might be others", ONE_SOTER)
         if key not in _flyers:
             _flyers[key] = Flyer(unpack_recipe(pickle.loads(packed)))  # noqa: S301 - of the same user
@@ -216,7 +216,7 @@ def fly_batch(key: str, packed: bytes, soter: str, numbers: list[int], first: in
 
 
 @cache
-def own_digest() -> str:
+def soter_digest() -> str:
     """The digest of all files of Soter that a flight depends on besides its recipe."""
     folders = (RUNTIME, NEVER_SHIPPED, BATCH.parents[1])
     files = [p for folder in folders for p in files_below(folder, "*.py", "*.c", "*.h")]

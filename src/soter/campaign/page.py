@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from soter.campaign import tables
 from soter.campaign.statistics import FLIGHTS
-from soter.campaign.tables import faults_explain, interval_text, quoted_names, rate_unit, verdict
+from soter.campaign.tables import faults_text, interval_text, quoted_names, rate_unit, verdict_text
 from soter.report.html import write_document
 from soter.report.templates import PageSection, filled
 from soter.report.wording import quantity
@@ -32,16 +32,16 @@ SIDE, ROW = 22, 46
 
 @dataclass(frozen=True)
 class Histogram:
-    """A measure: `edges` (n + 1,) of the range, `bins` (n + 2,) with below and above it."""
+    """The histogram of a measure: `edges` (n + 1,); `bins` (n + 2,) with those below and above."""
 
     name: str
     caption: str
     edges: tuple[float, ...]
     bins: tuple[int, ...]
     x_name: str = ""
-    of: str = "looks"
+    counted: str = "looks"
     """The noun for what the bins count."""
-    whole: bool = False
+    of_ints: bool = False
     """Whether bins count whole numbers: the label, a bin's lower edge, is below its middle."""
 
 
@@ -68,10 +68,10 @@ class CampaignPage:
     sections: tuple[PageSection, ...]
     histograms: tuple[Histogram, ...]
     charts: tuple[Bars | Histogram, ...] = ()
-    """The drawings of what happened."""
+    """The drawings of what happened in the flights."""
 
 
-def campaign_main(page: CampaignPage) -> str:
+def page_body(page: CampaignPage) -> str:
     """The HTML of the page's body."""
     return filled("campaign/page.html.j2", **vars(page), bars=_bar_chart, histogram=_histogram)
 
@@ -112,10 +112,10 @@ def _histogram(h: Histogram) -> Iterator[str]:
         faint = ' fill-opacity="0.4"' if k in (0, len(h.bins) - 1) else ""
         yield f'<rect x="{x:.2f}" y="{HEIGHT - BOTTOM - tall:.2f}" width="{step * 0.92:.2f}" '
         yield f'height="{tall:.2f}"{faint}>'
-        yield f"<title>{_bin_text(h, k)}: {count:,} {escape(h.of)}</title></rect>"
+        yield f"<title>{_bin_text(h, k)}: {count:,} {escape(h.counted)}</title></rect>"
     bins = len(h.bins) - 2
-    for k in range(0, bins + (not h.whole), max(1, bins // 10)):
-        x = LEFT + (k + 1 + h.whole / 2) * step
+    for k in range(0, bins + (not h.of_ints), max(1, bins // 10)):
+        x = LEFT + (k + 1 + h.of_ints / 2) * step
         yield f'<text x="{x:.1f}" y="{HEIGHT - BOTTOM + 16}" text-anchor="middle">'
         yield f"{h.edges[k]:.4g}</text>"
     middle = (LEFT + WIDTH - RIGHT) / 2
@@ -128,9 +128,9 @@ def _bin_text(h: Histogram, k: int) -> str:
         return f"below {h.edges[0]:g}"
     if k == len(h.bins) - 1:
         return f"above {h.edges[-1]:g}"
-    if h.whole and h.edges[k] - h.edges[k - 1] == 1:
+    if h.of_ints and h.edges[k] - h.edges[k - 1] == 1:
         return f"{h.edges[k - 1]:g}"
-    return f"{h.edges[k - 1]:g} to {h.edges[k] - h.whole:g}"
+    return f"{h.edges[k - 1]:g} to {h.edges[k] - h.of_ints:g}"
 
 
 COUNTS_MAX = 40
@@ -157,9 +157,9 @@ RESTS_ON = (
 
 
 def write_page(campaign: Campaign, program: str, path: Path) -> Path:
-    """Writes the page; SoterError D006 if it cannot be written."""
+    """Writes the page, and returns its path; SoterError D006 if it cannot be written."""
     made = make_page(campaign, program)
-    return write_document(made.title, campaign_main(made), path)
+    return write_document(made.title, page_body(made), path)
 
 
 def make_page(campaign: Campaign, program: str) -> CampaignPage:
@@ -167,7 +167,7 @@ def make_page(campaign: Campaign, program: str) -> CampaignPage:
     r = campaign.result
     way = "" if r.km is None else f", {r.km:,.0f} km"
     aloft = "" if r.hours_aloft is None else " aloft"
-    headline = f"{verdict(r)} in {r.rate_hours:,.2f} h{aloft}{way}"
+    headline = f"{verdict_text(r)} in {r.rate_hours:,.2f} h{aloft}{way}"
     return CampaignPage(
         title=f"{Path(program).name}: {campaign.system}, {r.flights:,} flights",
         headline=headline,
@@ -187,7 +187,7 @@ def _page_sections(campaign: Campaign, program: str) -> Iterator[PageSection]:
     if campaign.forced:
         says.append(f"Forced, so that nothing protects them: {', '.join(campaign.forced)}.")
     if r.violations and campaign.faults:
-        says.append(f"{faults_explain(r)}.")
+        says.append(f"{faults_text(r)}.")
     if campaign.properties:
         says.insert(1, f"A violation is one of {quoted_names(campaign.properties)}.")
     says.append(f"Program {campaign.program_sha256}; digest of all flights {r.digest}.")
@@ -254,7 +254,7 @@ def _charts(campaign: Campaign) -> Iterator[Bars | Histogram]:
 
 
 def _count_bars(name: str, counts: Sequence[int]) -> Histogram:
-    """The histogram of how many flights had each count; a bar has several counts if need be."""
+    """The histogram of how many flights had each count; a bar has several counts if too many."""
     wide = max(counts) // COUNTS_MAX + 1
     bins = [0] * (max(counts) // wide + 1)
     for count in counts:
@@ -262,7 +262,7 @@ def _count_bars(name: str, counts: Sequence[int]) -> Histogram:
     caption = f"mean {sum(counts) / len(counts):.4g}, least {min(counts)}, most {max(counts)}"
     caption += f"; share of the {len(counts):,} flights"
     edges = tuple(float(k * wide) for k in range(len(bins) + 1))
-    return Histogram(name, caption, edges, (0, *bins, 0), "takeovers", "flights", whole=True)
+    return Histogram(name, caption, edges, (0, *bins, 0), "takeovers", "flights", of_ints=True)
 
 
 def _bound_texts(r: Result) -> Iterator[str]:

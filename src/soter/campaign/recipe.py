@@ -1,4 +1,4 @@
-"""The recipe of a system: what is needed to fly it where neither it nor its files are.
+"""The recipe of a system: all that a machine which has not its files needs to fly it.
 
 Purpose: `make_recipe` packs the C of a system (`compiled_unit.py`), its names and the C of its
 externs as plain data; `unpack_recipe` puts that C into the cache of the machine that got it.
@@ -17,7 +17,7 @@ from soter.core.core import Call
 from soter.core.core_walks import walk
 from soter.core.layout import state_dtype
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.native.cache import cached, digest, included_files
+from soter.native.cache import cached_folder, digest, included_files
 from soter.native.kept_state import why_it_keeps_state
 from soter.simulate.module_safe_check import extern_functions
 
@@ -31,12 +31,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Recipe:
-    """What is flown, as plain data that can be sent.
+    """A system that is flown, as plain data that can be sent to another machine.
 
     `properties`, `components`: index and name; `forced`: whether each module is in AC from the
     start; `bins`: how many each measure has, with those below and above; `keeps`: why the C of
-    externs may keep something from call to call, or ""; `files`: that C and what it includes, by
-    their paths where it was made.
+    externs may keep something from call to call, or ""; `files`: path and text of that C and of
+    what it includes, on the machine that made the recipe.
     """
 
     unit: Unit
@@ -78,7 +78,7 @@ def make_recipe(
 
 
 def _require_stateless_c(system: System, core: CoreSystem) -> None:
-    """Raises SoterError U003 if a measure calls C that may keep state, as a run never calls it."""
+    """Raises SoterError U003 if a measure calls C that may keep state, as runs have no measures."""
     extern = extern_functions(core)
     for measure, value in zip(system.measures, core.measures, strict=True):
         called = {x.function for x in walk((*value.body, value.value)) if isinstance(x, Call)}
@@ -96,13 +96,13 @@ def unpack_recipe(recipe: Recipe) -> Recipe:
     root = os.path.commonpath([str(Path(p).parent) for p, _ in recipe.files])
     names = {p: str(Path(p).relative_to(root)) for p, _ in recipe.files}
 
-    def make(work: Path) -> None:
+    def write_sources(work: Path) -> None:
         for path, text in recipe.files:
             place = work / names[path]
             place.parent.mkdir(parents=True, exist_ok=True)
             place.write_text(text, encoding="utf-8", errors="surrogateescape")
 
     content = digest([x for p, t in recipe.files for x in (names[p], t)])
-    folder = cached("sent", content, tuple(names.values()), make)
+    folder = cached_folder("sent", content, tuple(names.values()), write_sources)
     sources = tuple(str(folder / names[str(Path(s).resolve())]) for s in recipe.unit.c_sources)
     return replace(recipe, unit=replace(recipe.unit, c_sources=sources), files=())

@@ -17,15 +17,15 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.load.named_files import read_bytes
-from soter.native.compiler import python_child
-from soter.report.atomic_write import own_place
+from soter.native.compiler import python_command
+from soter.report.atomic_write import own_path
 
 if TYPE_CHECKING:
     from pathlib import Path
 
 
-STRETCHES = 1000
-"""In how many equal parts the quantiles divide the releases that were measured."""
+QUANTILE_PARTS = 1000
+"""The number of equal parts into which the quantiles divide the measured releases."""
 PERIOD_NS = 10_000_000
 BUSY = """
 import ctypes, os
@@ -39,7 +39,7 @@ CLOCK_MONOTONIC, TIMER_ABSTIME = 1, 1
 
 @dataclass(frozen=True)
 class Lateness:
-    """A measurement: quantiles in ns, from the least to the most."""
+    """A measurement of how late releases are: quantiles in ns, from the least to the greatest."""
 
     quantiles_ns: tuple[int, ...]
     releases: int
@@ -47,7 +47,7 @@ class Lateness:
     busy_processes: int
     cores: int
 
-    def text(self) -> str:
+    def as_text(self) -> str:
         """The measurement in words."""
         q = self.quantiles_ns
         half, last = q[len(q) // 2] / 1e6, q[-1] / 1e6
@@ -60,7 +60,7 @@ class Lateness:
 
 
 def measure_lateness(seconds: float = 20.0, period_ns: int = PERIOD_NS) -> Lateness:
-    """Measures for `seconds`; OSError, or SoterError D006 if a busy process has ended."""
+    """Measures lateness for `seconds`; OSError, or SoterError D006 if a busy process has ended."""
     cores = os.cpu_count() or 1
     busy: list[subprocess.Popen[bytes]] = []
     try:
@@ -74,13 +74,13 @@ def measure_lateness(seconds: float = 20.0, period_ns: int = PERIOD_NS) -> Laten
             process.communicate()
     late.sort()
     last = len(late) - 1
-    quantiles = tuple(late[round(k * last / STRETCHES)] for k in range(STRETCHES + 1))
+    quantiles = tuple(late[round(k * last / QUANTILE_PARTS)] for k in range(QUANTILE_PARTS + 1))
     return Lateness(quantiles, len(late), period_ns, len(busy), cores)
 
 
 def _start_busy_process() -> subprocess.Popen[bytes]:
     return subprocess.Popen(
-        python_child(BUSY, str(os.getpid())),
+        python_command(BUSY, str(os.getpid())),
         start_new_session=True,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
@@ -113,7 +113,7 @@ def _measure_releases(seconds: float, period_ns: int) -> list[int]:
 
 
 def _read_lateness(path: Path) -> Lateness:
-    """The measurement in a file; SoterError D006 unless it is as `stored_lateness` writes it."""
+    """The measurement in a file; SoterError D006 if the file is not of `stored_lateness`."""
     try:
         fields = json.loads(read_bytes(path))
         made = Lateness(**{**fields, "quantiles_ns": tuple(fields["quantiles_ns"])})
@@ -127,9 +127,9 @@ def _read_lateness(path: Path) -> Lateness:
 
 
 def stored_lateness(path: Path, seconds: float) -> Lateness:
-    """The measurement in a file; without the file, measures now and writes it."""
+    """The measurement in a file; if there is no file, measures now and writes it."""
     if path.exists():
         return _read_lateness(path)
     made = measure_lateness(seconds)
-    own_place(path.parent, path.name).write_text(json.dumps(asdict(made)) + "\n", encoding="utf-8")
+    own_path(path.parent, path.name).write_text(json.dumps(asdict(made)) + "\n", encoding="utf-8")
     return made

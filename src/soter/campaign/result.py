@@ -41,12 +41,11 @@ ORDER = "order any"
 
 @dataclass(frozen=True)
 class FaultAttribution:
-    """The faults outside of what proofs assume that explain a violated flight ("faults outside").
+    """The "faults outside", outside of what proofs assume, that may explain a violated flight.
 
     `met`: those that occurred before its first violation, as they were written. `clean_without`:
     whether the same flight without any of them violates nothing; None: it met none, and was not
-    flown again. `needed`: each without which alone it is clean; none where several do the same
-    harm.
+    flown again. `needed`: each without which alone it is clean; () if several do the same harm.
     """
 
     met: tuple[str, ...]
@@ -62,17 +61,16 @@ class FaultAttribution:
 def attributions(
     system: System,
     bad: Sequence[FlightOutcome],
-    again: Callable[[System, Sequence[int]], Iterable[FlightOutcome]],
+    fly_again: Callable[[System, Sequence[int]], Iterable[FlightOutcome]],
 ) -> dict[int, FaultAttribution]:
-    """The attribution of each flight in `bad`, by number; `again` flies numbers of a system."""
+    """The attribution of each flight in `bad`, by number; `fly_again` flies numbers of a system."""
     met = {f.number: tuple(faults_outside(system, f.seed, _first_ns(f))) for f in bad}
 
     def clean_flights(other: System, numbers: Sequence[int]) -> set[int]:
-        return {f.number for f in again(other, numbers) if not f.violations} if numbers else set()
+        return {f.number for f in fly_again(other, numbers) if not f.violations}
 
-    excused = clean_flights(
-        without_outside_faults(system), [n for n, texts in met.items() if texts]
-    )
+    suspects = [n for n, texts in met.items() if texts]
+    excused = clean_flights(without_outside_faults(system), suspects) if suspects else set()
     needed: dict[int, list[str]] = {n: list(met[n]) for n in excused if len(met[n]) == 1}
     several = excused - needed.keys()
     for text in sorted({t for n in several for t in met[n]}):
@@ -94,12 +92,16 @@ def faults_outside(system: System, seed: int, until_ns: int) -> list[str]:
     """The faults outside of what proofs assume that occurred up to a time, as written."""
     fault_texts = {ORDER: None} if system.shuffled else {}
     for f in system.faults:
-        if f.inside is None and f.text not in fault_texts and _occurred(system, f, seed, until_ns):
+        if (
+            f.inside is None
+            and f.text not in fault_texts
+            and _has_occurred(system, f, seed, until_ns)
+        ):
             fault_texts[f.text] = None
     return list(fault_texts)
 
 
-def _occurred(system: System, f: Fault, seed: int, until_ns: int) -> bool:
+def _has_occurred(system: System, f: Fault, seed: int, until_ns: int) -> bool:
     always = f.kind == "late" and f.slot_ns == 0
     return always or bool(begin_times(f, system.components[f.component], seed, until_ns))
 
@@ -113,8 +115,8 @@ DRAWS = 1 << 20
 def count_faults(system: System, seeds: Sequence[int], until_ns: int) -> dict[str, int | None]:
     """How often each fault occurred in the flights of these seeds, by its text.
 
-    Counted in slots of time (docs/semantics.md, Faults) that a release met; a fault that hits a
-    group at once counts once. None: always, such as a lateness of every release.
+    The slots of time (docs/semantics.md, Faults) that a release met are counted; a fault that hits
+    a group at once counts once. None: always, such as a lateness of every release.
     """
     streams_by_fault: dict[str, dict[str, int] | None] = {ORDER: None} if system.shuffled else {}
     for f in system.faults:
@@ -126,13 +128,13 @@ def count_faults(system: System, seeds: Sequence[int], until_ns: int) -> dict[st
         streams = streams_by_fault.setdefault(f.text, {})
         if streams is not None:
             # outputs of one component share a stream, and so do all of a group
-            times = _occurrences(f, system.components[f.component], seeds, until_ns)
+            times = _occurrence_count(f, system.components[f.component], seeds, until_ns)
             streams[f.stream] = max(times, streams.get(f.stream, 0))
     return {text: None if s is None else sum(s.values()) for text, s in streams_by_fault.items()}
 
 
-def _occurrences(f: Fault, c: Component, seeds: Sequence[int], until_ns: int) -> int:
-    """In how many slots of all these flights a fault occurs, by the rule of `begins`."""
+def _occurrence_count(f: Fault, c: Component, seeds: Sequence[int], until_ns: int) -> int:
+    """In how many slots of all these flights a fault occurs, by the rule of `begin_times`."""
     step = max(f.slot_ns, c.period_ns)
     slots = until_ns // step + 2
     rows, total = max(1, DRAWS // slots), 0
@@ -147,14 +149,14 @@ def _occurrences(f: Fault, c: Component, seeds: Sequence[int], until_ns: int) ->
         seen = times <= until_ns
         times = np.maximum(times, 0)
         at = (times + offsets[:, None]) // f.slot_ns if f.slot_ns else times // c.period_ns
-        begins = _drawn(f, some, at)
+        begins = _hits(f, some, at)
         if f.apart:
-            begins &= ~_drawn(f, some, at - 1)
+            begins &= ~_hits(f, some, at - 1)
         total += int((begins & seen).sum())
     return total
 
 
-def _drawn(f: Fault, seeds: Sequence[int], slots: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
+def _hits(f: Fault, seeds: Sequence[int], slots: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
     """Whether the fault is drawn in each slot, (flights, slots)."""
     share = (_draw_bits(seeds, f.stream, slots) >> np.uint64(11)).astype(np.float64) * 2.0**-53
     mask: npt.NDArray[np.bool_] = share < f.probability
@@ -162,7 +164,7 @@ def _drawn(f: Fault, seeds: Sequence[int], slots: npt.NDArray[np.int64]) -> npt.
 
 
 def _draw_bits(seeds: Sequence[int], stream: str, index: npt.NDArray[np.int64]) -> Words:
-    """`draw_bits` of each index, (flights, n), under the seed of its row."""
+    """The random bits of `draw_bits` for each index, (flights, n), under the seed of its row."""
     golden = np.uint64(GOLDEN)
     keys = _mix_arrays(
         _mix_arrays(np.array(seeds, dtype=np.uint64) + golden) ^ np.uint64(fnv1a_64(stream))
@@ -171,7 +173,7 @@ def _draw_bits(seeds: Sequence[int], stream: str, index: npt.NDArray[np.int64]) 
 
 
 def _mix_arrays(z: Words) -> Words:
-    """`splitmix64` of each number of an array, in its shape."""
+    """The numbers of an array, in its shape, each mixed by `splitmix64`."""
     for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):
         z = (z ^ (z >> np.uint64(shift))) * np.uint64(factor)
     words: Words = z ^ (z >> np.uint64(31))
@@ -179,16 +181,16 @@ def _mix_arrays(z: Words) -> Words:
 
 
 SPEED = "speed"
-"""The measure whose mean, in m/s, makes kilometres."""
+"""The name of the measure whose mean, in m/s, gives the kilometres."""
 ALOFT = "aloft"
-"""The measure whose mean is the share of time that counts as aloft."""
+"""The name of the measure whose mean is the share of time that counts as aloft."""
 
 
 @dataclass(frozen=True)
 class ModuleStatistics:
-    """One module over all flights. Rates per hour, with 95 % intervals.
+    """The figures of one module over all flights; `per_hour`: the 95 % interval of episodes.
 
-    `basis`: what the interval rests on (`statistics.RateInterval`).
+    `basis`: the assumption of the interval (`statistics.RateInterval`).
     """
 
     name: str
@@ -204,7 +206,7 @@ class ModuleStatistics:
 
 @dataclass(frozen=True)
 class MetricResult:
-    """A measure over all flights: mean over its samples, ends and histogram, all in `unit`.
+    """A measure over all flights: the mean of its samples, ends and histogram, all in `unit`.
 
     `edges`: (bins + 1,) of the range; `bins`: (bins + 2,) counts, below and above the range, too.
     """
@@ -220,11 +222,11 @@ class MetricResult:
 
 @dataclass(frozen=True)
 class Result:
-    """All flights together. `per_hour`: the 95 % interval of the rate of violations.
+    """The figures of all flights; `per_hour`: the 95 % interval of the rate of violations.
 
-    Rates are per hour aloft where the system measures that, else per hour. `distinct`: how many
-    flights are no copies of others. `properties`: how many judged each flight; with 0 nothing is
-    said of the rate.
+    Rates are per hour aloft if the system measures that, else per hour. `distinct`: the number of
+    flights, copies counted once. `properties`: the number of those that judged each flight; if it
+    is 0, nothing is known of the rate.
     """
 
     flights: int
@@ -247,7 +249,7 @@ class Result:
     """How many violated flights met no fault outside of the assumptions before, or are violated
     without them, too."""
     excused: tuple[tuple[str, int, int], ...] = ()
-    """(fault outside, how many flights are clean without it alone, how many met it that are clean
+    """(fault outside, flights that are clean without it alone, flights that met it and are clean
     without all faults outside)."""
     measures: tuple[MetricResult, ...] = ()
     hours_aloft: float | None = None
@@ -282,10 +284,10 @@ class FlownArm:
 
 @dataclass(frozen=True)
 class Campaign:
-    """What was flown. `folder` has every flight; `wall_s`: the time of this call alone.
+    """A campaign that was flown. `folder` has every flight; `wall_s`: the time of this call alone.
 
     `flown`: number of flights in this call; the others were in the folder. `arms`: the same seeds
-    by other rules, the campaign itself first; `lateness`: what was measured for them, in words.
+    by other rules, the campaign itself first; `lateness`: the lateness measured for them, in words.
     `horizon_s`: how far AC was flown on after it lost control; 0: saves were not counted.
     """
 
@@ -313,7 +315,7 @@ class Campaign:
     occurred: Mapping[str, int | None] = field(default_factory=dict)
     """Fault -> how often it occurred in all flights; None: always."""
     diagnostics: tuple[Diagnostic, ...] = ()
-    """Warnings of what these flights are no evidence for."""
+    """Warnings about claims for which these flights are no evidence."""
     properties: tuple[str, ...] = ()
     """The properties that judged each flight, as the program writes them."""
 
@@ -328,7 +330,7 @@ def make_result(
     hours = sum(f.seconds for f in flights) / 3600.0
     counts_by_violation = Counter(violation for f in flights for violation in f.broken)
     bad = [f for f in flights if f.violations]
-    of_bad = [blames[f.number] for f in bad]
+    blames_of_bad = [blames[f.number] for f in bad]
     kinds = [f.trajectory for f in flights]
     aloft = _hours_aloft(flights, system)
     exposed = [f.seconds / 3600.0 for f in flights] if aloft is None else aloft
@@ -336,7 +338,7 @@ def make_result(
     counts = [f.violations for f in flights]
     rate, per_flight = RateInterval(0.0, inf, FLIGHTS), (0.0, 1.0)
     if system.properties:
-        rate = rate_interval(counts, exposed, most=_onsets_most(flights, system), kinds=kinds)
+        rate = rate_interval(counts, exposed, most=_most_violations(flights, system), kinds=kinds)
         per_flight = share_interval(list(map(bool, counts)), kinds)
     return Result(
         flights=len(flights),
@@ -352,17 +354,17 @@ def make_result(
         modules=tuple(_module_statistics(flights, system, exposed, kinds)),
         broken=tuple(counts_by_violation.most_common()),
         worst=tuple(bad[:10]),
-        blames=tuple(of_bad[:10]),
+        blames=tuple(blames_of_bad[:10]),
         digest=campaign_digest(flights),
-        violated_inside=sum(not b.excused for b in of_bad),
-        excused=_excused_rows(of_bad),
+        violated_inside=sum(not b.excused for b in blames_of_bad),
+        excused=_excused_rows(blames_of_bad),
         measures=measures,
         hours_aloft=None if aloft is None else fsum(aloft),
-        km=_km(measures, hours),
+        km=_kilometres(measures, hours),
     )
 
 
-def _km(measures: Sequence[MetricResult], hours: float) -> float | None:
+def _kilometres(measures: Sequence[MetricResult], hours: float) -> float | None:
     """The kilometres of all flights; None without a measure `speed`, or a number of it."""
     speed = next((m.mean for m in measures if m.name == SPEED), None)
     return None if speed is None or isnan(speed) else speed * 3.6 * hours
@@ -401,10 +403,10 @@ def _hours_aloft(flights: Sequence[FlightOutcome], system: System) -> list[float
     return [s * f.seconds / 3600.0 for s, f in zip(shares, flights, strict=True)]
 
 
-def _onsets_most(flights: Sequence[FlightOutcome], system: System) -> int:
+def _most_violations(flights: Sequence[FlightOutcome], system: System) -> int:
     """The most violations that one flight can have: each begins in an instant after one without.
 
-    A release makes two instants at most: its own, and that in which what it held is published.
+    A release makes two instants at most: its own, and that in which held outputs are published.
     """
     until_ns = max((round(f.seconds * 1e9) for f in flights), default=0)
     instants = sum(2 * (until_ns // c.period_ns + 2) for c in system.components)
@@ -413,7 +415,6 @@ def _onsets_most(flights: Sequence[FlightOutcome], system: System) -> int:
 
 
 def _excused_rows(blames: Sequence[FaultAttribution]) -> tuple[tuple[str, int, int], ...]:
-    """The rows of `Result.excused`."""
     met = Counter(text for b in blames if b.excused for text in b.met)
     needed = Counter(text for b in blames for text in b.needed)
     return tuple((text, needed[text], n) for text, n in met.most_common())

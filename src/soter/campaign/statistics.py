@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 
 CONFIDENCE = 0.95
 POISSON, FLIGHTS = "poisson", "flights"
-"""What an interval rests on: counts that scatter as Poisson's do, or independent flights alone."""
+"""The assumption of an interval: counts scatter as Poisson's do, or flights are independent."""
 STAKES = tuple(2.0**-k for k in range(16))
-"""Shares of the capital that bets put at stake (`_betting_interval`)."""
+"""The shares of the capital that bets put at stake (`_betting_interval`)."""
 STEPS = 200
 TERMS = 1_000_000
 
@@ -35,10 +35,12 @@ class RateInterval:
     basis: str
 
 
-def garwood(count: int, amount: float, confidence: float = CONFIDENCE) -> tuple[float, float]:
-    """The interval of a Poisson rate per unit of `amount`, from `count` events; (0, inf) for 0.
+def garwood_interval(
+    count: int, amount: float, confidence: float = CONFIDENCE
+) -> tuple[float, float]:
+    """The interval of a Poisson rate per unit of `amount`, from `count` events in that amount.
 
-    With no events it is one-sided: all of the probability of error lies above.
+    For amount 0 it is (0, inf). Without events it is one-sided: all of the error lies above.
     """
     if amount <= 0.0:
         return 0.0, inf
@@ -51,17 +53,19 @@ def garwood(count: int, amount: float, confidence: float = CONFIDENCE) -> tuple[
     )
 
 
-def clopper_pearson(count: int, of: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
-    """The interval of a probability, from `count` of `of`; one-sided for none or all."""
-    if of <= 0:
+def clopper_pearson_interval(
+    count: int, total: int, confidence: float = CONFIDENCE
+) -> tuple[float, float]:
+    """The interval of a probability, from `count` of `total`; one-sided for none or all."""
+    if total <= 0:
         return 0.0, 1.0
     missed = 1.0 - confidence
-    if count in (0, of):
-        bound = missed ** (1.0 / of)
+    if count in (0, total):
+        bound = missed ** (1.0 / total)
         return (0.0, 1.0 - bound) if count == 0 else (bound, 1.0)
     return (
-        _beta_quantile(count, of - count + 1, missed / 2),
-        _beta_quantile(count + 1, of - count, 1.0 - missed / 2),
+        _beta_quantile(count, total - count + 1, missed / 2),
+        _beta_quantile(count + 1, total - count, 1.0 - missed / 2),
     )
 
 
@@ -77,9 +81,9 @@ def rate_interval(
 ) -> RateInterval:
     """The interval of the rate per hour, from counts (n,) in flights of so many hours (n,).
 
-    Garwood's if Fisher's dispersion test passes or nothing happened, else by flight: with at most
-    `most` in one. `kinds` (n,): flights of one kind are copies, and the interval also holds that of
-    one flight a kind.
+    It is Garwood's if Fisher's dispersion test passes or all counts are 0; else it is by flight, if
+    a count can be at most `most`. `kinds` (n,): flights of one kind are copies; the interval also
+    contains that of one flight a kind.
     """
     interval = _garwood_or_betting(counts, hours, most)
     if kinds is None or len(set(kinds)) == len(kinds):
@@ -91,12 +95,12 @@ def rate_interval(
 
 
 def share_interval(bad: Sequence[bool], kinds: Sequence[Hashable]) -> tuple[float, float]:
-    """The interval of the share of `bad` flights; copies as in `rate_interval`."""
-    low, high = clopper_pearson(sum(bad), len(bad))
+    """The interval of the share of `bad` flights; `kinds` as in `rate_interval`."""
+    low, high = clopper_pearson_interval(sum(bad), len(bad))
     bad_by_kind = dict(zip(kinds, bad, strict=True))
     if len(bad_by_kind) == len(bad):
         return low, high
-    other = clopper_pearson(sum(bad_by_kind.values()), len(bad_by_kind))
+    other = clopper_pearson_interval(sum(bad_by_kind.values()), len(bad_by_kind))
     return min(low, other[0]), max(high, other[1])
 
 
@@ -122,10 +126,10 @@ def _garwood_or_betting(counts: Sequence[int], hours: Sequence[float], most: int
     if amount <= 0.0:
         return RateInterval(0.0, inf, FLIGHTS)
     total = sum(counts)
-    # of no events the bound holds of violated flights, too, whatever a flight's own distribution:
+    # without events the bound also holds for the share of violated flights, by any distribution:
     # -log(missed) / n is no less than Clopper's and Pearson's 1 - missed ** (1 / n)
     if total == 0 or scatters_as_poisson(counts, hours):
-        return RateInterval(*garwood(total, amount), POISSON)
+        return RateInterval(*garwood_interval(total, amount), POISSON)
     low, high = _betting_interval(counts, most)
     return RateInterval(low * len(counts) / amount, high * len(counts) / amount, FLIGHTS)
 
@@ -133,38 +137,38 @@ def _garwood_or_betting(counts: Sequence[int], hours: Sequence[float], most: int
 def _betting_interval(counts: Sequence[int], most: int) -> tuple[float, float]:
     """The interval of the mean of independent counts in [0, most], whatever their distribution.
 
-    By betting (Waudby-Smith and Ramdas 2024): were the mean m, capital that is staked on each
-    flight, the share c of it that may be lost, would grow 40 times with a chance of 1 in 40 at most
-    (Ville). A mean is excluded if the capital, spread evenly over STAKES, did.
+    By betting (Waudby-Smith and Ramdas 2024): a player stakes the share c of a capital on each
+    flight. If the mean were m, the capital would grow 40 times with a chance of at most 1 in 40
+    (Ville). A mean is excluded if the capital, spread evenly over STAKES, grows so much.
     """
-    of = max(most, *counts, 1)
-    table = [(value / of, n) for value, n in Counter(counts).items()]
+    largest = max(most, *counts, 1)
+    table = [(value / largest, n) for value, n in Counter(counts).items()]
     mean = fsum(x * n for x, n in table) / len(counts)
     goal = log(2.0 * len(STAKES) / (1.0 - CONFIDENCE))
 
-    def capital(factor: Callable[[float], float]) -> float:
-        """The log of what a capital of 1 became; `factor`: what a flight x gains per unit."""
+    def growth(factor: Callable[[float], float]) -> float:
+        """The log of a capital that was 1; `factor`: the gain per unit of a flight of value x."""
         logs = [fsum(n * _log_or_inf(1.0 + c * factor(x)) for x, n in table) for c in STAKES]
         top = max(logs)
         return top + log(fsum(exp(v - top) for v in logs)) if top > -inf else -inf
 
-    low = _last_included_mean(0.0, mean, lambda m: capital(lambda x: x / m - 1.0) >= goal)
-    high = _last_included_mean(1.0, mean, lambda m: capital(lambda x: (m - x) / (1.0 - m)) >= goal)
-    return low * of, high * of
+    low = _last_included_mean(0.0, mean, lambda m: growth(lambda x: x / m - 1.0) >= goal)
+    high = _last_included_mean(1.0, mean, lambda m: growth(lambda x: (m - x) / (1.0 - m)) >= goal)
+    return low * largest, high * largest
 
 
 def _log_or_inf(x: float) -> float:
     return log(x) if x > 0.0 else -inf
 
 
-def _last_included_mean(end: float, mean: float, excluded: Callable[[float], bool]) -> float:
+def _last_included_mean(end: float, mean: float, is_excluded: Callable[[float], bool]) -> float:
     """The last mean from `mean` towards `end` that is not excluded, rounded outwards."""
     inner, outer = mean, end
     for _ in range(STEPS):
         middle = 0.5 * (inner + outer)
         if middle in (inner, outer):
             break
-        if excluded(middle):
+        if is_excluded(middle):
             outer = middle
         else:
             inner = middle
@@ -179,7 +183,7 @@ def _gamma_below(a: float, x: float) -> float:
     if x <= 0.0:
         return 0.0
     if x > a + 40.0 * sqrt(a) + 400.0:
-        return 1.0  # what is missing has no place in a double
+        return 1.0  # the difference from 1 is too small for a double
     term = total = 1.0
     k = a
     while term > 1e-16 * total:
@@ -225,8 +229,8 @@ def _beta_below(a: float, b: float, x: float) -> float:
 
 
 def _log_beta_density(a: float, b: float, x: float) -> float:
-    whole = lgamma(a + b) - lgamma(a) - lgamma(b)
-    return whole + (a - 1.0) * log(x) + (b - 1.0) * log1p(-x)
+    log_scale = lgamma(a + b) - lgamma(a) - lgamma(b)
+    return log_scale + (a - 1.0) * log(x) + (b - 1.0) * log1p(-x)
 
 
 def _beta_quantile(a: float, b: float, p: float) -> float:

@@ -1,4 +1,4 @@
-"""The folder of a campaign: what it is about, and a line for each flight that was flown.
+"""The folder of a campaign: the identity of what is flown, and a line for each flight.
 
 Purpose: `FlightOutcome` and `MetricSample` are one flight as plain data. `CampaignStore` loses no
 flight, whenever it is stopped: a campaign goes on where it was. `write_parquet` writes
@@ -25,7 +25,7 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.system_texts import reason
 from soter.language.load.named_files import read_bytes
 from soter.report.atomic_write import require_no_links
-from soter.version import other_format, pip_install
+from soter.version import pip_command, why_format_is_unreadable
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class MetricSample:
-    """One measure over one flight: how many samples were numbers, their sum, ends and histogram.
+    """A measure over one flight: how many samples were numbers; their sum, ends and histogram.
 
     `bins`: (bins + 2,) counts; the first is below the range, the last above.
     """
@@ -50,12 +50,12 @@ class MetricSample:
 class FlightOutcome:
     """One flight. Shares and times are by module, in the order of the system's modules.
 
-    `seed` re-flies it (`soter run --seed`); `digest`: SHA-256 over its events and its last state.
-    `all_ac_s`: how long all modules were in AC at once. `violations`: onsets by property,
-    `latched`: components, both by name with how many; `first_s`: the first of them. `saves` and
-    `precautions`: how many of its episodes AC would have done harm in, and how many not; () where
-    they are not counted. `looks`: one for each measure of the system. `trajectory`: SHA-256 of what
-    happened, without the seed: flights that have the same one are copies of each other.
+    `soter run --seed` flies `seed` again; `digest`: SHA-256 over its events and its last state.
+    `all_ac_s`: how long all modules were in AC at once. `violations`: how often a property began to
+    be violated, and how many components latched; `broken`: their texts; `first_s`: when the first
+    did. `saves`: how many episodes end in a violation if AC is flown on; `precautions`: the others;
+    () if not counted. `looks`: one for each measure of the system. `trajectory`: SHA-256 of what
+    happened, without the seed; flights with the same one are copies of each other.
     """
 
     number: int
@@ -100,11 +100,11 @@ ANOTHER = "give another folder with -o, or remove this one"
 
 @dataclass(frozen=True)
 class CampaignIdentity:
-    """What a campaign flies; two campaigns are the same if all of this is.
+    """The identity of a campaign: two campaigns are the same if all of these fields are equal.
 
     `code_sha256`: of the C that Soter makes and of its run-time; `linked`: SHA-256 of the C of
     externs, of what it includes and of the compiler, by name; `unknown`: why it cannot be known
-    what else that C depends on, or "": then no flight that is there already is used.
+    what else that C depends on, or ""; if it is not "", no stored flight is used.
     """
 
     program: str
@@ -149,8 +149,8 @@ class CampaignStore:
         if about_file.exists():
             self._require_same(_read_json(about_file), json.loads(about))
             self._lock_folder()
-            self.flights = self._whole_flights()
-            self._require_known()
+            self.flights = self._read_flights()
+            self._require_known_c()
         elif any(p for p in self.folder.iterdir() if not p.name.startswith("arm-")):
             raise _trouble(self.folder, "the folder holds something else", "give another with -o")
         else:
@@ -164,7 +164,7 @@ class CampaignStore:
         if stored == expected:
             return
         before = stored if isinstance(stored, dict) else {}
-        if other := other_format(before.get("schema"), SCHEMA):
+        if other := why_format_is_unreadable(before.get("schema"), SCHEMA):
             raise _trouble(self.folder, other, ANOTHER)
         names = [n for n in expected if before.get(n) != expected[n]]
         difference = ", ".join(f"`{WORDS.get(n, n)}`" for n in names) or "what it was about"
@@ -172,7 +172,7 @@ class CampaignStore:
             self.folder, f"the folder holds another campaign: {difference} is another", ANOTHER
         )
 
-    def _require_known(self) -> None:
+    def _require_known_c(self) -> None:
         """Raises D006 if the folder has flights that another call might fly otherwise."""
         if self.flights and self.about.unknown:
             raise _trouble(
@@ -217,7 +217,7 @@ class CampaignStore:
     def _module_columns(self) -> tuple[str, ...]:
         return (*COUNTED, *(SAVED if self.about.horizon_ns else ()))
 
-    def _whole_flights(self) -> list[FlightOutcome]:
+    def _read_flights(self) -> list[FlightOutcome]:
         """The stored flights, from number 0 on, up to a damaged line; cuts off what follows."""
         path = self.folder / FLIGHTS
         if not path.exists():
@@ -227,9 +227,9 @@ class CampaignStore:
         flights: list[FlightOutcome] = []
         if lines and lines[0] != ",".join(self._column_names()):
             raise _trouble(self.folder, f"`{FLIGHTS}` has other columns", "give another folder")
-        with suppress(csv.Error):  # a line that is damaged: as one that is not whole
+        with suppress(csv.Error):  # csv also fails at a damaged line
             for row in csv.DictReader(lines):
-                flight = self._read_flight(row) if _is_whole(row) else None
+                flight = self._read_flight(row) if _is_undamaged(row) else None
                 if flight is None or flight.number != len(flights):
                     break
                 flights.append(flight)
@@ -258,7 +258,7 @@ class CampaignStore:
                 trajectory=_checked_digest(row["trajectory"]),
                 saves=self._saved_numbers(row, "saves"),
                 precautions=self._saved_numbers(row, "precautions"),
-                looks=tuple(_read_look(row, m) for m in self.about.measures),
+                looks=tuple(_read_sample(row, m) for m in self.about.measures),
             )
         except (KeyError, ValueError, TypeError):
             return None
@@ -268,7 +268,7 @@ class CampaignStore:
             return ()
         return tuple(int(row[f"{m}.{column}"]) for m in self.about.modules)
 
-    def add(self, flights: Sequence[FlightOutcome]) -> None:
+    def add_flights(self, flights: Sequence[FlightOutcome]) -> None:
         """Stores flights that follow the stored ones; SoterError D006 if it cannot."""
         try:
             with (self.folder / FLIGHTS).open("a", encoding="utf-8", newline="") as file:
@@ -289,7 +289,7 @@ def measured_lateness(folder: Path, program_sha256: str | None, system: str) -> 
     if not isinstance(about, dict):
         helps = ("fly it with `soter campaign --arms paper`, or say where it is: `--campaign DIR`",)
         raise _trouble(folder, "no arm `paper` was flown there", *helps)
-    if other := other_format(about.get("schema"), SCHEMA):
+    if other := why_format_is_unreadable(about.get("schema"), SCHEMA):
         raise _trouble(folder, other, "fly its arm `paper` again")
     if (about.get("program_sha256"), about.get("system")) != (program_sha256, system):
         raise _trouble(folder, "its arm `paper` is of another program or system")
@@ -299,7 +299,7 @@ def measured_lateness(folder: Path, program_sha256: str | None, system: str) -> 
     return tuple(times)
 
 
-def _read_look(row: dict[str, str], name: str) -> MetricSample:
+def _read_sample(row: dict[str, str], name: str) -> MetricSample:
     total, least, most = (float(row[f"{name}.{part}"]) for part in ("sum", "least", "most"))
     bins = tuple(int(x) for x in row[f"{name}.histogram"].split())
     return MetricSample(int(row[f"{name}.count"]), total, least, most, bins)
@@ -325,12 +325,11 @@ def _flight_cells(f: FlightOutcome) -> list[object]:
 
 
 def _line_checksum(cells: Iterable[str]) -> str:
-    """A checksum of a line's cells, which shows whether the line was changed."""
     return f"{crc32(chr(10).join(cells).encode()):08x}"
 
 
-def _is_whole(row: dict[str, str]) -> bool:
-    """Whether a line is as it was written."""
+def _is_undamaged(row: dict[str, str]) -> bool:
+    """Whether a line is as it was written, by its checksum."""
     cells = list(row.values())
     return None not in row and None not in cells and cells[-1] == _line_checksum(cells[:-1])
 
@@ -360,23 +359,23 @@ def _trouble(folder: Path, message: str, *helps: str) -> SoterError:
     return SoterError((Diagnostic("D006", f"`{folder}`: {message}", helps=helps),))
 
 
-NAME = "flights.parquet"
+PARQUET = "flights.parquet"
 
 
 def require_parquet() -> None:
     """Raises SoterError D007 if the package that writes Parquet is not installed."""
     if find_spec("pyarrow") is None:
         message = "Parquet is written with the package `pyarrow`, which is not installed"
-        helps = (f"install it: {pip_install('cluster')}; `flights.csv` says the same",)
+        helps = (f"install it: {pip_command('cluster')}; `flights.csv` says the same",)
         raise SoterError((Diagnostic("D007", message, helps=helps),))
 
 
 def write_parquet(folder: Path) -> Path:
-    """Writes the flights of a campaign's folder as Parquet; SoterError D006, D007."""
+    """Writes the flights of a campaign's folder as Parquet, and returns the path; D006, D007."""
     require_parquet()
     from pyarrow import csv, parquet  # noqa: PLC0415 - an extra
 
-    target = folder / NAME
+    target = folder / PARQUET
     beside = target.with_suffix(".part")
     try:
         parquet.write_table(csv.read_csv(folder / FLIGHTS), beside)

@@ -2,7 +2,7 @@
 
 Purpose: head and rows of each table, without rows where there is nothing to say; lists, intervals
 of rates, the verdict, and which faults explain violations.
-Non-goals: figures (`result.py`), looks.
+Non-goals: figures (`result.py`), layout.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ def rate_unit(r: Result) -> str:
     return "an hour" if r.hours_aloft is None else "an hour aloft"
 
 
-def verdict(r: Result) -> str:
-    """Says how many violations there were, or that nothing was judged."""
+def verdict_text(r: Result) -> str:
+    """The number of violations in words, or that nothing was judged."""
     if not r.properties and not r.violations:
         return "nothing was judged: the system has no property"
     return f"{r.violations:,} violations"
@@ -59,8 +59,8 @@ def bound_text(r: Result) -> str:
     return hourly
 
 
-def faults_explain(r: Result) -> str:
-    """Says how many violated flights the faults outside explain, in a system with faults."""
+def faults_text(r: Result) -> str:
+    """A sentence on how many violated flights are clean without the faults outside."""
     out = r.flights_violated - r.violated_inside
     return (
         f"{r.flights_violated:,} flights violated: {out:,} of them are clean when they are flown "
@@ -70,7 +70,7 @@ def faults_explain(r: Result) -> str:
 
 
 def violations_table(campaign: Campaign) -> Table:
-    """The table of what was violated, and how often."""
+    """The table of the properties that were violated, and how often."""
     return ("times", "violated"), tuple((f"{n:,}", text) for text, n in campaign.result.broken)
 
 
@@ -92,7 +92,7 @@ def worst_flights_table(campaign: Campaign) -> Table:
 
 
 def modules_table(campaign: Campaign) -> Table:
-    """The table of modules: who was in control."""
+    """The table of modules: how long AC was in control, and how often it lost it."""
     saves = campaign.horizon_s > 0
     hourly = f"episodes {rate_unit(campaign.result)}, 95 %"
     head = ("module", "AC share", "takeovers", "episodes", hourly, "gate faults")

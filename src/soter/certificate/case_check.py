@@ -4,8 +4,8 @@ Purpose: `CaseCheck` asks each claim of each group, and shows the tasks that com
 `proved_claims` says what an entry claims, `check_static_claims` compares P1 with the program.
 `TaskProcesses` deals tasks out to processes, which tell what came of each. They see what there was
 when they were forked; only answers come back. There is no thread: this process may fork again.
-`require_rates` shows, over the whole grid at once, each obligation of the rates (a divisor is
-not 0, an index is there, an assertion holds) that no group shows cell by cell.
+`require_defined_rates` shows, over the whole grid at once, each obligation of the rates (a divisor
+is not 0, an index is there, an assertion holds) that no group shows cell by cell.
 Non-goals: how a group shows a claim (`grid/grid_group.py`), certificates (`rechecker.py`).
 
 The argument: a state of the module is one of each group. Each part of `safe` is the share of one
@@ -29,7 +29,7 @@ from soter.certificate.cell_predicates import cells_published_in_set, certain_ce
 from soter.certificate.extras import extras
 from soter.certificate.reading.case_model import (
     CaseModel,
-    control_inputs,
+    new_command_terms,
 )
 from soter.certificate.reading.folder import FREE, OF_SETS
 from soter.certificate.reading.module_facts import (
@@ -42,7 +42,7 @@ from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.compile_terms import all_certain
 from soter.certificate.terms.terms import input_atoms
 from soter.diagnostics.current_phase import share_done
-from soter.workers.child_process import end_with
+from soter.workers.child_process import end_with_parent
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable, Sequence
@@ -77,7 +77,7 @@ def proved_claims(claimed: object) -> set[str]:
 
 
 def check_module_claims(system: System, module: Module, claims: dict[str, str]) -> None:
-    """Checks P1a, P1b, and that the DM can give control back; RejectedError where one is false."""
+    """RejectedError where P1a or P1b is false, or P2b of a DM that never gives control back."""
     ac, sc = (system.components[i] for i in (module.ac, module.sc))
     latch = module.symbol.latch
     if claims.get("P2b") == PROVED and latch is not None and latch.topic is None:
@@ -91,7 +91,7 @@ def check_module_claims(system: System, module: Module, claims: dict[str, str]) 
 
 
 def p1c_verdict(facts: Facts) -> str:
-    """Gives "proved" if P1c rests on declared times alone, else "assumed"; does not compare H."""
+    """The verdict on P1c, H apart: "proved" if it rests on declared times alone, else "assumed"."""
     verify = facts.symbol.verify
     declared = all(getattr(verify, name) is not None for _, name in DELAYS.values())
     return "proved" if declared and not facts.ways.undeclared else "assumed"
@@ -119,7 +119,7 @@ def can_fork() -> bool:
 
 
 class TaskProcesses:
-    """Processes among which the tasks 0, 1, ... are dealt out; each calls `answer` on its tasks."""
+    """Processes that share the tasks 0, 1, ... among them; each calls `answer` on its tasks."""
 
     def __init__(self, tasks: int, answer: Callable[[int], Any], workers: int) -> None:
         fork = multiprocessing.get_context("fork")
@@ -170,7 +170,7 @@ class TaskProcesses:
 
 
 def _answer_tasks(tasks: range, answer: Callable[[int], Any], to: Connection, parent: int) -> None:
-    end_with(parent)
+    end_with_parent(parent)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # who is interrupted ends this one
     for k in tasks:
         try:
@@ -205,17 +205,17 @@ class CaseCheck:
         facts, claims = self.model.facts, self.claims
         lawful = [None] * len(self.groups) if self.lawful is None else self.lawful
         pairs = zip(self.groups, lawful, strict=True)
-        self.checks = [g.check(self.model, kept) for g, kept in pairs]
+        self.checks = [g.make_check(self.model, kept) for g, kept in pairs]
         if facts.unbounded:
             extras.left_out_states.require_unread_states(self.model, len(self.groups))
         each = zip(self.groups, self.checks, strict=True)
-        require_rates(self.model, [g.states for g, check in each if check.shows_rates_defined])
+        require_defined_rates(self.model, [g.states for g, c in each if c.shows_rates_defined])
         if claims & OF_SETS:
             self._add_core_tasks()
         if claims & FREE:
             self._add_tasks(c.free_tasks(facts.times["H_ns"]) for c in self.checks)
-            if facts.computed:
-                self._add_tasks(c.levels_tasks(facts.between_ns) for c in self.checks)
+            if facts.is_computed:
+                self._add_tasks(c.tasks_for_levels(facts.ns_between_verdicts) for c in self.checks)
             else:
                 self._add_predicate_tasks()
         if "P2b" in claims:
@@ -228,7 +228,6 @@ class CaseCheck:
             self.tasks += some
 
     def _certain_cells(self, expr: typed.TypedExpr, *, errors: bool) -> list[Cells]:
-        """For each group the cells on which its share of a predicate certainly holds."""
         parts = [g.tables for g in self.groups]
         inside = narrowed_extents(self.model.extents, parts)
         model = CaseModel(self.model.facts, self.model.parameter, inside)
@@ -278,7 +277,7 @@ class CaseCheck:
             raise RejectedError("the time to return is another one in the program")
         longest = max((c.holds_to_return for c in self.checks), default=0)
         bound = longest * facts.times["delta_ns"] + facts.jitter_ns  # a_N is late by j at most
-        bound += facts.decide_ns
+        bound += facts.verdict_delay_ns
         if bound > wanted:
             raise RejectedError("SC may take longer to return than the program allows")
 
@@ -297,12 +296,12 @@ class CaseCheck:
         self.tasks = self.tasks[::-1]  # the long ones first: ranks are asked for last
         workers, times = min(self.workers, len(self.tasks)), self.model.facts.times
 
-        def answer(k: int) -> tuple[str, int]:
+        def task_result(k: int) -> tuple[str, int]:
             return self.tasks[k][0](), times["d_ns"]
 
-        answers: Generator[tuple[int, Any]] = ((k, answer(k)) for k in range(len(self.tasks)))
+        answers: Generator[tuple[int, Any]] = ((k, task_result(k)) for k in range(len(self.tasks)))
         if workers > 1 and can_fork():
-            answers = TaskProcesses(len(self.tasks), answer, workers).answers()
+            answers = TaskProcesses(len(self.tasks), task_result, workers).answers()
         with closing(answers):  # processes end where a claim fails
             for k, (failed, delay) in answers:
                 times["d_ns"] = min(times["d_ns"], delay)  # what is shown of older reads holds, too
@@ -319,18 +318,18 @@ class CaseCheck:
         share_done(self.done / sum(work for _, work in self.tasks))
 
 
-def require_rates(model: CaseModel, seen_to: Sequence[Sequence[int]]) -> None:
-    """`NotRecheckedError` where a rate may be undefined on the grid and no group looks at it.
+def require_defined_rates(model: CaseModel, groups: Sequence[Sequence[int]]) -> None:
+    """`NotRecheckedError` where a rate may be undefined on the grid and no group checks that.
 
-    `seen_to`: the states of each group that looks itself: it is not linear, and runs could leave it
-    (`grid/flow_enclosures.py`). An obligation on states of several groups is left to one that
-    looks: there the others' states range over their grids.
+    `groups`: the states of each group whose own check demands defined rates: its flow is not
+    linear, and runs could leave its grid. An obligation on states of several groups is left to one
+    of these, for which the states of others range over their grids.
     """
     if model.facts.kind == "map":
         return  # a map's obligations are demanded of every cell
     terms, states = model.new_terms()
-    model.rates(terms, states, control_inputs(model.facts, terms))
-    shown = [{states[i].atom for i in members} for members in seen_to]
+    model.rates(terms, states, new_command_terms(model.facts, terms))
+    shown = [{states[i].atom for i in members} for members in groups]
     left = []
     for truth in terms.obligations:
         inputs = input_atoms(terms, [truth])

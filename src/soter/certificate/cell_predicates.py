@@ -32,12 +32,12 @@ from soter.certificate.terms.terms import (
     Linear,
     Proposition,
     Terms,
+    and_of,
     atoms_under,
-    both,
     conjuncts,
-    either,
     input_atoms,
     negation,
+    or_of,
     subpropositions,
 )
 
@@ -66,12 +66,12 @@ def certain_cells(
 ) -> list[Cells]:
     """For each group the cells on which its share of a predicate certainly holds.
 
-    The predicate holds on the product of these sets. Each conjunct is the share of one group; all
-    other states range over their whole grids. It goes to the group on which it depends most: any
-    choice is sound, this one is useful. With `errors` it holds of every estimate of every state.
+    The predicate holds on the product of these sets. Each conjunct is the share of the group on
+    which it depends most (any choice is sound); all other states range over their whole grids. With
+    `errors` it holds of every estimate of every state.
     """
     terms, states = model.new_terms(ENDLESS)
-    truth = model.predicate(terms, states, expr, errors=errors)
+    truth = model.truth_of(terms, states, expr, errors=errors)
     return _cells_by_share(model, groups, terms, states, truth)
 
 
@@ -105,7 +105,7 @@ def _cells_by_share(
 
 
 def influence_of_inputs(terms: Terms, root: Proposition, inputs: Sequence[int]) -> arb:
-    """About how far inputs move the numbers that a proposition compares; a guide, no bound."""
+    """An estimate (no bound) of how far inputs move the numbers that a proposition compares."""
     moved: dict[int, arb] = {}
 
     def width(x: Linear) -> arb:
@@ -123,18 +123,17 @@ def influence_of_inputs(terms: Terms, root: Proposition, inputs: Sequence[int]) 
 
 def conjunction_of(parts: Sequence[Proposition]) -> Proposition:
     """The conjunction of some propositions."""
-    conjunction = TRUE
+    joined = TRUE
     for p in parts:
-        conjunction = both(conjunction, p)
-    return conjunction
+        joined = and_of(joined, p)
+    return joined
 
 
 class Decision:
-    """Evaluates a proposition on boxes of some states, with all others anywhere on their grids.
+    """Evaluates a proposition on boxes of some states; other states are anywhere on their grids.
 
-    Errors and other topics that it reads follow as further axes, so that they are halved with the
-    cell. `ranges`: those of these axes; `reads`: for each state whether the proposition depends on
-    it.
+    Errors and other topics that it reads are further axes of a box, with `ranges`, so that they are
+    halved with the cell. `reads`: for each state whether the proposition depends on it.
     """
 
     def __init__(
@@ -160,18 +159,18 @@ class Decision:
         return bits
 
     def bits_on_block(self, grid: Grid, block: Block) -> int:
-        """The bits of the proposition on a block of cells, with states beyond axes without ends."""
+        """The bits of the proposition on a block of cells, and beyond axes without ends."""
         boxes = grid.boxes_covering(block, self.reads)
         return reduce(or_, (self.bits_on_box([*box, *self.ranges]) for box in boxes))
 
     def holds_on_box(self, box: list[tuple[arb, arb]], splits: int) -> bool:
-        """Whether it certainly holds; box and errors are halved up to `splits` times for that."""
+        """Whether it certainly holds on a box; the box is halved up to `splits` times for that."""
         return holds_in_parts(
             [*box, *self.ranges], lambda part: self.bits_on_box(part) == HOLDS, splits
         )
 
     def holds_on_block(self, grid: Grid, block: Block, splits: int) -> bool:
-        """Whether the proposition certainly holds on a block, and beyond axes without ends."""
+        """Whether it certainly holds on a block of cells, and beyond axes without ends."""
         return all(self.holds_on_box(box, splits) for box in grid.boxes_covering(block, self.reads))
 
 
@@ -192,9 +191,10 @@ def cells_where_certain(decision: Decision, grid: Grid) -> Cells:
 
 
 class AdmitCheck:
-    """Prepares the proposition that AC gets no control: `safe` fails, or no estimate is `admits`.
+    """The proposition that a predicate gives AC no control, ready to be asked of blocks of cells.
 
-    With `anywhere`, as for `enters`, it does not help that `safe` may fail.
+    It holds where `safe` fails, or the predicate gives control on no estimate of the state: by
+    being true (`admits`), or false. With `anywhere` it does not help that `safe` may fail.
     """
 
     def __init__(
@@ -210,13 +210,13 @@ class AdmitCheck:
         terms, states = model.new_terms(ENDLESS)
         fails = FALSE
         if not anywhere:
-            safe = model.predicate(terms, states, model.facts.symbol.safe, errors=False)
-            fails = both(negation(safe), conjunction_of(terms.obligations))
+            safe = model.truth_of(terms, states, model.facts.symbol.safe, errors=False)
+            fails = and_of(negation(safe), conjunction_of(terms.obligations))
             terms.obligations.clear()
-        truth = model.predicate(terms, states, expr, errors=True)
+        truth = model.truth_of(terms, states, expr, errors=True)
         sound_told = conjunction_of(terms.obligations)
         refused = negation(truth) if admits else truth
-        fine = either(fails, both(refused, sound_told))
+        fine = or_of(fails, and_of(refused, sound_told))
         atoms = [x.atom for x in states]
         self.decision = Decision(model, group.states, terms, atoms, fine)
 
@@ -224,9 +224,9 @@ class AdmitCheck:
 def cells_wrongly_admitted(
     check: AdmitCheck, free: NDArray[np.bool_], block: Block
 ) -> Iterator[Block]:
-    """Cells outside of R where `safe` may hold and the predicate gives AC control on some estimate.
+    """Cells of a block outside of R where `safe` may hold and the predicate may give AC control.
 
-    `free`: shaped as the grid.
+    `free`: R, shaped as the grid.
     """
     grid = check.group.grid
 

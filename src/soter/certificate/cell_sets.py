@@ -63,7 +63,7 @@ class Grid:
         first = min(bisect_right(edges, low) - 1, len(edges) - 2)
         return first, max(bisect_left(edges, high), first + 1)
 
-    def box(self, block: Block) -> list[tuple[arb, arb]]:
+    def box_of(self, block: Block) -> list[tuple[arb, arb]]:
         """The box of a block of cells."""
         pairs = zip(self.edges, block, strict=True)
         return [(exact(edges[low]), exact(edges[high])) for edges, (low, high) in pairs]
@@ -80,20 +80,20 @@ class Grid:
         return table
 
     def holds_beyond_ends(self, start: Sequence[tuple[arb, arb]], boxes: Sequence[float]) -> bool:
-        """Whether what is enclosed from a box holds of all runs from the cells around that box.
+        """Whether boxes that enclose runs from `start` hold of runs from beyond axes' ends, too.
 
-        `boxes`: where runs from `start` are, as low, high, ... of one box after the other.
+        `boxes`: low, high, ... of one box after the other. Here no axis is without ends: they do.
         """
         del start, boxes
         return True
 
     def boxes_covering(self, block: Block, reads: Sequence[bool]) -> list[list[tuple[arb, arb]]]:
-        """Boxes that cover all states of a block; here its own box.
+        """Boxes that cover all states of a block; on a grid with ends this is its own box.
 
-        `reads`: for each axis whether the question depends on its state.
+        `reads`: for each axis, whether the question that is asked depends on its state.
         """
         del reads
-        return [self.box(block)]
+        return [self.box_of(block)]
 
     def move_onto_axis(self, axis: int, low: float, high: float) -> tuple[float, float]:
         """An interval of starts, moved onto an axis that wraps around; otherwise unchanged."""
@@ -110,7 +110,7 @@ class Axes:
 
 
 class Cells:
-    """A set of cells with a summed table: how many cells of a block belong to it."""
+    """A set of cells of a grid. A summed table tells how many cells of a block belong to it."""
 
     def __init__(self, grid: Grid, members: NDArray[np.bool_]) -> None:
         if members.shape != grid.shape:
@@ -188,10 +188,10 @@ def cells_unshown(
     attempt: Callable[[Block, NDArray[np.bool_]], NDArray[np.bool_]],
     largest: int,
 ) -> Iterator[Block]:
-    """Cells of `todo`, a set of the grid's shape, in the block that no attempt showed.
+    """The cells of a block that lie in `todo`, shaped as the grid, and that no attempt showed.
 
-    `attempt` gets a block of at most `largest` cells, and which of them are wanted; it gives back
-    which of these it showed. Where it did not show all, it gets smaller blocks.
+    `attempt` gets a block of at most `largest` cells and the cells wanted in it; it gives those of
+    them that it showed. Where some are left, it gets smaller blocks.
     """
     left = todo[block_index(block)].copy()
     base = tuple(low for low, _ in block)
@@ -218,9 +218,9 @@ def cells_unshown(
 def cells_uncovered(
     todo: NDArray[np.bool_], block: Block, attempt: Callable[[Block], bool], largest: int
 ) -> Iterator[Block]:
-    """Does what `cells_unshown` does, where an attempt shows a block of wanted cells, or nothing.
+    """The cells that `cells_unshown` gives, where an attempt shows a whole block or nothing.
 
-    `todo`: shaped as the grid. What holds of the block holds of each of its cells.
+    `todo`: shaped as the grid. What `attempt` shows of a block holds of each of its cells.
     """
 
     def attempt_on_full_block(at: Block, wanted: NDArray[np.bool_]) -> NDArray[np.bool_]:

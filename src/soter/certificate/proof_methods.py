@@ -1,6 +1,6 @@
-"""What claims the parts of a group rest on, and the methods that prove whole modules.
+"""The claims that rest on each part of a group, and the methods that prove whole modules.
 
-Purpose: `RESTS`: the claims that the parts of a group of a manifest rest on. `parts_without_claim`
+Purpose: `RESTS`: the claims that rest on each part of a group of a manifest. `parts_without_claim`
 says which parts no claim rests on, for the prover, which leaves them out, and for
 `refuse_parts_without_claim`. `MODULES`: by the key in a module's entry, what checks a module as a
 whole. A method is imported where a certificate uses it.
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from soter.certificate.reading.folder import FREE, RETURN
 from soter.certificate.report import NotRecheckedError, RejectedError
-from soter.version import pip_install
+from soter.version import pip_command
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -51,7 +51,7 @@ def _import_induction_method() -> ModuleMethod:
     """Imports the check of inductions; NotRecheckedError where the solver is not installed."""
     if find_spec("z3") is None:
         text = "inductions are checked with `z3-solver`, which is not installed"
-        raise NotRecheckedError(f"{text}: {pip_install('prove')}")
+        raise NotRecheckedError(f"{text}: {pip_command('prove')}")
     from soter.certificate.induction import check_claims  # noqa: PLC0415 - an extra
 
     return ModuleMethod(check_claims.recheck_induction, check_claims.read_entry)
@@ -84,7 +84,7 @@ MODULES: dict[str, Callable[[], ModuleMethod]] = {
 
 
 def parts_without_claim(group: Mapping[str, Any], claims: set[str], *, computed: bool) -> list[str]:
-    """The parts of a group on which none of these claims rests; `computed`: the predicates are."""
+    """The parts of a group on which no claim rests; `computed`: whether predicates are computed."""
     if group.get("kind") != "grid":
         return []
     parts = [n for n in group if n in RESTS and not RESTS[n] & claims]
@@ -92,7 +92,7 @@ def parts_without_claim(group: Mapping[str, Any], claims: set[str], *, computed:
 
 
 def refuse_parts_without_claim(groups: Sequence[Any], claims: set[str], *, computed: bool) -> None:
-    """`RejectedError` for a part of a group of a manifest on which none of these claims rests."""
+    """RejectedError for a part of some group on which no claim rests (`parts_without_claim`)."""
     for group in groups:
         for name in parts_without_claim(group, claims, computed=computed):
             raise RejectedError(f"no claim rests on `{name}` of a group")

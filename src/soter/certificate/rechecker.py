@@ -121,13 +121,12 @@ def recheck(folder: Path, workers: int | None = None) -> Report:
 
 
 def _set_verdict(report: Report) -> None:
-    """Sets the verdict of a certificate in which nothing was found to be false, by its modules."""
     left = [f"{m.name}: {m.not_rechecked}" for m in report.modules if m.not_rechecked]
     report.verdict, report.reason = (NOT_RECHECKED if left else ACCEPTED), "; ".join(left)
 
 
 def reason_in_words(error: Exception) -> str:
-    """Says in words why something was not re-checked, from the error that was raised."""
+    """Why something was not re-checked, in words, from the error that was raised."""
     if isinstance(error, NotRecheckedError):
         return str(error)
     if isinstance(error, StepFault):
@@ -188,11 +187,11 @@ def _check_entry(
 ) -> RecheckedModule:
     """Checks the entry of one module, and appends what was read of the program to `covered`."""
     facts: Covered
-    whole = [of for key, of in MODULES.items() if isinstance(entry, dict) and key in entry]
-    if whole:
+    methods = [m for key, m in MODULES.items() if isinstance(entry, dict) and key in entry]
+    if methods:
         with _rejecting_malformed("a module"):
             system = _system_of_entry(checked, overrides, entry)
-            facts, report = whole[0]().check(system, entry)
+            facts, report = methods[0]().check(system, entry)
     else:
         require_keys(entry, MODULE_KEYS, "a module", "levels tables view law wraps")
         with _rejecting_malformed("a module"):
@@ -200,7 +199,7 @@ def _check_entry(
     if any(_module_key(f) == _module_key(facts) for f in covered):
         raise RejectedError(f"module `{facts.flying_module.name}` stands there twice")
     covered.append(facts)
-    if not whole:
+    if not methods:
         assert isinstance(facts, Facts)
         report = _check_module(certificate, facts, entry, workers)
     report.parameters = param_values(facts.flying)
@@ -252,7 +251,7 @@ def read_problem(flat: System, entry: dict[str, Any]) -> Facts:
     _read_levels(facts, entry.get("levels", facts.levels))
     require_supported(facts)
     setting = facts.setting
-    if setting.first_with_state(0, setting.by_sc) != setting.sc.phase:
+    if setting.release_with_state(0, setting.by_sc) != setting.sc.phase:
         extras.sc_locals_and_modes.check_start_answers(facts)  # else every read of SC shows a state
     return facts
 
@@ -261,7 +260,7 @@ def _read_levels(facts: Facts, levels: object) -> None:
     """Enters the manifest's number of levels; RejectedError where the program has another one."""
     if not isinstance(levels, int) or isinstance(levels, bool) or levels < LEVELS_MIN:
         raise RejectedError("`levels` is not as it should be")
-    if levels != facts.levels and (facts.symbol.verify.levels is not None or not facts.computed):
+    if levels != facts.levels and (facts.symbol.verify.levels is not None or not facts.is_computed):
         raise RejectedError("the number of levels is another one in the program")
     facts.levels = levels
 
@@ -287,10 +286,10 @@ def read_claims(certificate: Certificate, facts: Facts, entry: dict[str, Any]) -
     check_static_claims(facts, entry["claims"])
     if math.prod(len(p.values) for p in facts.parameters) > CASES_MAX:
         raise NotRecheckedError(f"more than {CASES_MAX:,} combinations of parameter values")
-    if parameters != [*map(list, facts.cases())]:
+    if parameters != [*map(list, facts.parameter_combinations())]:
         raise RejectedError("the cases are not all combinations of the parameters' values")
 
-    def read(case: dict[str, Any], claimed: set[str], *, computed: bool) -> list[GridGroup]:
+    def read_case(case: dict[str, Any], claimed: set[str], *, computed: bool) -> list[GridGroup]:
         require_keys(case, "parameter groups", "a case")
         if not (case["groups"] or claimed & OF_SETS):
             raise NotRecheckedError("no sets were found: P2a, P3 and the start were not proved")
@@ -298,10 +297,10 @@ def read_claims(certificate: Certificate, facts: Facts, entry: dict[str, Any]) -
             refuse_parts_without_claim(case["groups"], claimed, computed=computed)
             return read_groups(certificate, facts, case["groups"])
 
-    groups = [read(case, claims, computed=facts.computed) for case in entry["cases"]]
-    if ("tables" in entry) != facts.computed:
+    groups = [read_case(case, claims, computed=facts.is_computed) for case in entry["cases"]]
+    if ("tables" in entry) != facts.is_computed:
         raise RejectedError("a module has tables of its DM where its predicates are computed")
-    if facts.computed and (entry["tables"] or claims & OF_SETS):  # else K is empty: no table
+    if facts.is_computed and (entry["tables"] or claims & OF_SETS):  # else K is empty: no table
         with _rejecting_malformed("a table of the DM"):
             extras.estimates_and_shield.compare_tables(certificate, facts, groups, entry["tables"])
     cells = [g.tables.core for of_case in groups for g in of_case]
@@ -312,7 +311,7 @@ def read_claims(certificate: Certificate, facts: Facts, entry: dict[str, Any]) -
     if "law" in entry:
         with _rejecting_malformed("a law"):
             law = extras.failsafe_law.read_law(
-                facts, entry, claims, partial(read, claimed={"P2a"}, computed=False)
+                facts, entry, claims, partial(read_case, claimed={"P2a"}, computed=False)
             )
     return Claimed(claims, groups, law)
 
@@ -327,16 +326,16 @@ def _check_module(
     try:  # where there is a choice, with reads that are older than any
         check_cases()
     except (RejectedError, NotRecheckedError):
-        if facts.times["d_ns"] == facts.own.delay:
+        if facts.times["d_ns"] == facts.derived.delay:
             raise
-        facts.times["d_ns"] = facts.own.delay  # older ones may be too much for our bounds
+        facts.times["d_ns"] = facts.derived.delay  # older ones may be too much for our bounds
         phase(f"{name}: again, with reads as old as there are", anew=True)
         check_cases()
     report = RecheckedModule(name, dict(entry["claims"]), system=entry["system"])
     report.confirmed = [c for c in CLAIMS if c in claimed.claims]
     jumps = extras.handovers.jumps_by_plant(facts, groups, claimed.claims) if facts.view else {}
     report.assumptions, report.shown = (assumptions_of(facts, jumps), confirmed_facts(facts, jumps))
-    report.stays = bool(facts.symbol.stays)
+    report.stays = bool(facts.symbol.stay_clause)
     report.safe = " ".join(facts.symbol.safe.span.text.split())
     report.vacuous, report.unseen = why_vacuous(facts, groups)
     report.times = {**facts.times, "h0_ns": facts.start_ns, "start_ns": facts.start_ns}
@@ -347,7 +346,7 @@ def _check_module(
 
 def _check_cases(facts: Facts, claimed: Claimed, entry: dict[str, Any], workers: int) -> None:
     """Shows every claim for each combination of parameter values, and that the law keeps K_fs."""
-    cases = list(facts.cases())
+    cases = list(facts.parameter_combinations())
     for k, (values, groups) in enumerate(zip(cases, claimed.groups, strict=True)):
         model = CaseModel(
             facts,
@@ -391,7 +390,7 @@ def compare_figures(facts: Facts, entry: dict[str, Any]) -> None:
 def _state_extents(
     facts: Facts, pairs: Iterable[tuple[Any, Input]]
 ) -> Iterator[tuple[float, float]]:
-    """The range of each state as the manifest gives it; RejectedError where an input's differs."""
+    """The range of each state by the manifest; RejectedError where an input differs."""
     for i, (entry, known) in enumerate(pairs):
         require_keys(entry, "name kind low high", "an input")
         if (entry["name"], entry["kind"]) != (known.name, known.kind):
@@ -408,7 +407,7 @@ def _state_extents(
 def read_groups(
     certificate: Certificate, facts: Facts, entries: list[dict[str, Any]]
 ) -> list[GridGroup]:
-    """Reads the groups of a case; RejectedError for wrong ones, NotRecheckedError for others."""
+    """Reads the groups of a case; RejectedError for wrong ones, NotRecheckedError for new kinds."""
     names = {s.name: i for i, s in enumerate(facts.states)}
     groups: list[GridGroup] = []
     for entry in entries:

@@ -48,7 +48,7 @@ class NotRecheckedError(Exception):
 
 @dataclass(frozen=True)
 class Doubt:
-    """Why a verdict is not confirmed: its time, module, and the estimate that it read."""
+    """Why a verdict is not confirmed, with its time, its module, and the estimate that it read."""
 
     time_ns: int
     module: str
@@ -110,8 +110,8 @@ class RecheckAssumption:
 class RecheckedModule:
     """The findings on one module of a system, for these values of the parameters.
 
-    `not_rechecked`: why none of its claims was checked; `vacuous`: why they say next to nothing, as
-    AC never has, or keeps, control; `unseen`: why nobody looked at that. `stays`: the module has
+    `not_rechecked`: why none of its claims was checked; `vacuous`: why they say almost nothing, as
+    AC never has, or keeps, control; `unseen`: why that was not checked. `stays`: the module has
     `recover never`; `in_flight`: its DM decides by a check in flight, and what that rests on is
     confirmed. `safe`: as the program writes it. `parameters`: the values that were checked;
     `otherwise`: other values that the program gives in that system; `contradicted`: a `set` gives
@@ -159,12 +159,12 @@ class RecheckedModule:
         return missing_properties(self.claims, self.confirmed)
 
     @property
-    def decided(self) -> bool:
-        """Whether everything is confirmed except what its DM decides in flight."""
+    def lacks_flight_only(self) -> bool:
+        """Whether everything is confirmed except the claims that its DM decides in flight."""
         return self.in_flight and not {*self.missing} - {*IN_FLIGHT}
 
     @property
-    def returns(self) -> bool:
+    def has_return(self) -> bool:
         """Whether P2b is confirmed: SC gives control back."""
         return "P2b" in self.confirmed
 
@@ -219,18 +219,18 @@ class Report:
         return self.accepted and all(not m.missing for m in self.modules)
 
     @property
-    def in_flight(self) -> list[str]:
+    def modules_decided_in_flight(self) -> list[str]:
         """The modules of which everything is confirmed except what their DMs decide in flight."""
-        return [m.name for m in self.modules if m.decided and m.missing]
+        return [m.name for m in self.modules if m.lacks_flight_only and m.missing]
 
     @property
-    def decided(self) -> bool:
-        """Whether safety is established, if need be with what DMs decide in flight."""
-        return self.accepted and all(m.decided or not m.missing for m in self.modules)
+    def is_safe_with_flight(self) -> bool:
+        """Whether safety is established, or only waits for what DMs decide in flight."""
+        return self.accepted and all(m.lacks_flight_only or not m.missing for m in self.modules)
 
     @property
-    def vacuous(self) -> dict[str, str]:
-        """Module -> why its confirmed claims say next to nothing."""
+    def why_vacuous(self) -> dict[str, str]:
+        """Module -> why its confirmed claims say almost nothing, where that is so."""
         return {m.name: m.vacuous for m in self.modules if m.vacuous}
 
     @property
@@ -239,6 +239,6 @@ class Report:
         return any(m.contradicted for m in self.modules)
 
     @property
-    def returns(self) -> bool:
+    def has_return(self) -> bool:
         """Whether P2b is confirmed wherever the program asks for it."""
-        return self.accepted and all(m.returns or m.stays for m in self.modules)
+        return self.accepted and all(m.has_return or m.stays for m in self.modules)

@@ -185,7 +185,7 @@ def assumptions_of(facts: Facts, jumps: Mapping[str, Any] | None = None) -> list
         extras.handovers.jump_assumptions(facts, jumps or {}) if facts.view else (),
         _plant_assumptions(facts),
         _input_assumptions(facts),
-        extras.sc_locals_and_modes.mode_assumptions(facts) if facts.modes else (),
+        extras.sc_locals_and_modes.mode_assumptions(facts) if facts.reads_any_mode else (),
         extras.node_paths.node_assumptions(facts.ways) if facts.ways.notes else (),
         _timing_assumptions(facts),
         _machine_assumptions(facts),

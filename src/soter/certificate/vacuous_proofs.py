@@ -1,4 +1,4 @@
-"""Claims that hold and say next to nothing, as AC never, or hardly ever, can have control.
+"""Finds claims that hold but say almost nothing, as AC can never, or hardly ever, have control.
 
 Purpose: `why_vacuous` asks this of a module for the report, of the tables of its DM, or of its
 predicates on states drawn from K. It reads nothing that the prover says about it. A share of drawn
@@ -48,13 +48,13 @@ FAILS, HOLDS = 1, 2
 
 
 def why_vacuous(facts: Facts, groups: Groups) -> tuple[str, str]:
-    """Why the claims about a module say next to nothing, and why nobody looked at that; else ""."""
+    """(why the claims about a module say almost nothing, why that was not checked); else ""."""
     if nothing := why_safe_says_nothing(facts):
         return nothing, ""
-    for values, of_case in zip(facts.cases(), groups, strict=True):
+    for values, of_case in zip(facts.parameter_combinations(), groups, strict=True):
         try:
-            if facts.computed:
-                found, unseen = next(filter(None, (g.why_ac_never for g in of_case)), ""), ""
+            if facts.is_computed:
+                found, unseen = (next(filter(None, (g.why_never_ac for g in of_case)), ""), "")
             elif _does_ttf_hold_when_fresh(facts):
                 found, unseen = f"{KEEPS} (`ttf` holds of whatever is fresh)", ""
             else:
@@ -78,14 +78,14 @@ def why_safe_says_nothing(facts: Facts) -> str:
 
 
 def _why_ac_may_never_get_control(facts: Facts, values: tuple[int, ...]) -> str:
-    """Says that AC may never get control where SC has it at the start and P2b is not claimed."""
-    if not facts.symbol.stays or facts.symbol.safer is None:
+    """Why AC may never get control: SC has it at the start, and P2b is not claimed; else ""."""
+    if not facts.symbol.stay_clause or facts.symbol.safer is None:
         return ""
     safer = _prepare_admit_check(facts, values, facts.symbol.safer, admits=True)
     box = [(exact(i.low), exact(i.high)) for i in facts.states] + safer.decision.ranges
     if safer.decision.bits_on_box(box) & FAILS:
         return ""
-    why = f"at the start `safer` does not hold, and P2b is not asked: `{facts.symbol.stays}`"
+    why = f"at the start `safer` does not hold, and P2b is not asked: `{facts.symbol.stay_clause}`"
     return f"nothing says that AC ever gets control ({why})"
 
 
@@ -99,7 +99,7 @@ def _prepare_admit_check(
 
 
 def _does_ttf_hold_when_fresh(facts: Facts) -> bool:
-    """Whether `ttf`, which asks for an age, holds of every state as long as all reads are fresh."""
+    """Whether `ttf` reads an age, and holds in every state as long as all reads are fresh."""
     ttf = facts.symbol.ttf
     if ttf is None or not any(isinstance(n, AgeRead) for n in nodes([ttf])):
         return False
@@ -118,7 +118,7 @@ def _does_ttf_hold_when_fresh(facts: Facts) -> bool:
 def _why_vacuous_on_drawn_states(
     facts: Facts, values: tuple[int, ...], groups: Sequence[GridGroup]
 ) -> tuple[str, str]:
-    """Does what `why_vacuous` does, by `ttf` and `safer` on estimates of states drawn from K."""
+    """The pair of `why_vacuous`, found by `ttf` and `safer` on estimates of states drawn from K."""
     ttf, safer = facts.ttf, facts.symbol.safer
     if ttf is None or safer is None:
         return "", "predicates that are not there are not looked at"
@@ -136,22 +136,22 @@ def _why_vacuous_on_drawn_states(
         return "", "no state of K was drawn"
     least = RARE_SHARE * drawn
     if gets < least:
-        return (f"{rarity(gets)} has control (`safer` holds {drawn_share(gets, drawn)})", "")
+        return (f"{how_often(gets)} has control (`safer` holds {share_text(gets, drawn)})", "")
     if keeps < least:
-        return (f"{rarity(keeps)} keeps control (`ttf` is false {drawn_share(keeps, drawn)})", "")
+        return (f"{how_often(keeps)} keeps control (`ttf` is false {share_text(keeps, drawn)})", "")
     if both < least:
         where = "where `safer` holds `ttf` does, too: not so"
-        return f"{rarity(both)} keeps control ({where} {drawn_share(both, drawn)})", ""
+        return (f"{how_often(both)} keeps control ({where} {share_text(both, drawn)})", "")
     return "", ""
 
 
-def rarity(count: int) -> str:
-    """Words for AC's share of the drawn states: "hardly ever", or "never" for a `count` of 0."""
+def how_often(count: int) -> str:
+    """Words for AC that has control on `count` drawn states: "hardly ever", or "never" for 0."""
     return "AC hardly ever" if count else "as far as was seen AC never"
 
 
-def drawn_share(count: int, drawn: int) -> str:
-    """Says in words on how many of the drawn states something holds."""
+def share_text(count: int, drawn: int) -> str:
+    """Says on how many of the drawn states something holds."""
     return f"on {count or 'none'} of {drawn:,} states drawn from K"
 
 

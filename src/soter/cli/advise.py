@@ -100,7 +100,7 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Runs the sweeps and tells their advice; UsageError for options that do not fit."""
+    """Runs the sweeps and prints their advice; UsageError for options that exclude each other."""
     levels = [int(x) for x in _number_list(args.levels, "--levels", 2.0)]
     factors = _number_list(args.factors, "--factors", 1e-3)
     program = loaded_program(args, console)
@@ -136,7 +136,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
 
 
 def _tell_delays(args: argparse.Namespace, console: Console, program: Program) -> CommandOutcome:
-    """Finds and tells, for `--delay`, how late commands of each module may act."""
+    """Finds and prints, for `--delay`, how late the commands of each module may act."""
     with ProgressBar(console) as progress:
         delays = program.largest_delays(
             args.module, system=args.system, params=dict(args.params), progress=progress
@@ -153,7 +153,7 @@ def _tell_delays(args: argparse.Namespace, console: Console, program: Program) -
 
 
 def _tell_rests(args: argparse.Namespace, console: Console, program: Program) -> CommandOutcome:
-    """Finds and tells, for `--rest`, a clause `rest` of each module that it proves."""
+    """Finds and prints, for `--rest`, a clause `rest` with which each module can be proved."""
     with ProgressBar(console) as progress:
         choices = {"module": args.module, "system": args.system, "params": dict(args.params)}
         searches = program.rest_clauses(**choices, progress=progress)
@@ -177,7 +177,7 @@ def _tell_rests(args: argparse.Namespace, console: Console, program: Program) ->
 
 
 def _tell_buffers(args: argparse.Namespace, console: Console, program: Program) -> CommandOutcome:
-    """Tells, for `--buffer`, where each module takes over, with a bar a speed."""
+    """Prints, for `--buffer`, where SC takes over in each module, with one bar for each speed."""
     named = tuple(args.buffer.split(",")) if args.buffer else None
     if named is not None and len(named) != 2:
         raise UsageError(f"--buffer takes a position and a speed, not `{args.buffer}`")
@@ -204,7 +204,7 @@ def _tell_buffers(args: argparse.Namespace, console: Console, program: Program) 
 
 
 def _number_list(text: str, option: str, least: float) -> list[float]:
-    """The numbers of an option's list, each from `least` to LARGEST; UsageError for others."""
+    """The numbers in an option's list, each from `least` to LARGEST; UsageError for others."""
     try:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:

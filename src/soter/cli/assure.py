@@ -84,7 +84,7 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Makes the case, tells it and writes its files."""
+    """Makes the safety case, prints its goals and writes its files."""
     program = loaded_program(args, console)
     with ProgressBar(console) as progress:
         how = {
@@ -107,7 +107,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
 
 
 def _tell_missing(console: Console, why: str) -> None:
-    """Says at once what keeps goals undeveloped: the rest of the case may take minutes."""
+    """Prints at once why some goals will have no evidence: the rest may take minutes."""
     console.note(f"soter: {visible(why)}; its goals stay undeveloped")
 
 
@@ -161,7 +161,7 @@ def _verdict_line(assurance: Assurance, console: Console) -> str:
 
 
 def _say_open(assurance: Assurance, console: Console) -> None:
-    """Lists the open hazards and requirements; of open assumptions it tells the number only."""
+    """Prints the open hazards and requirements; of open assumptions it prints only their number."""
     open_ = assurance.case.traceability.open
     assumptions = sum(item.kind == "assumption" for item in open_)
     others = [item for item in open_ if item.kind != "assumption"]

@@ -75,7 +75,7 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Writes the package and tells it; an image for a board is built, too."""
+    """Writes the package and prints what is in it; for a board it also builds the image."""
     program = warn_of_extern_files(loaded_program(args, console), console)
     if program.externs and args.board is not None:  # they answer in the run that an image repeats
         fork_into_child(console, lambda _: ())

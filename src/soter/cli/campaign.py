@@ -63,7 +63,7 @@ KEPT = "what was flown is kept: the same command goes on, or says why it cannot"
 RAY_KEPT = f"Ray ends a process whose cluster's head is gone; {KEPT}"
 
 
-def _worker_count(text: str) -> int | str:
+def _workers_from_text(text: str) -> int | str:
     return text if text in ("local", "ray") else at_least_one(text)
 
 
@@ -82,7 +82,7 @@ class Options:
     until: str | None = option("--until TIME", None, "of each; by default the system's own")
     seed: int = option("--seed N", 1, "of the first (1)", Kind("seed"))
     workers: int | str | None = option(
-        "--workers N", None, "threads, `local`: one a core, or `ray`", read_by(_worker_count)
+        "--workers N", None, "threads, `local`: one a core, or `ray`", read_by(_workers_from_text)
     )
     arms: tuple[str, ...] = option(
         "--arms A,B",
@@ -100,7 +100,7 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Flies the campaign, tells its totals and writes its pages; VIOLATED after a violation."""
+    """Flies the campaign, prints its totals and writes its pages; VIOLATED after a violation."""
     from soter.api.campaigning import (  # noqa: PLC0415 - needs NumPy
         campaign_settings,
         write_campaign,
@@ -132,12 +132,12 @@ def _say_campaign(campaign: Campaign, console: Console) -> None:
     from soter.campaign import tables  # noqa: PLC0415 - only here
 
     r = campaign.result
-    _say_flown(campaign, console)
+    _say_hours_flown(campaign, console)
     colour = "bad" if r.violations else "good" if r.properties else ""
-    painted, limits = console.paint(colour, tables.verdict(r)), tables.bound_text(r)
+    painted, limits = console.paint(colour, tables.verdict_text(r)), tables.bound_text(r)
     console.say("\n" + painted + (f"; with 95 % confidence {limits}" if limits else ""))
     if r.violations and campaign.faults:
-        console.say(tables.faults_explain(r))
+        console.say(tables.faults_text(r))
     for text, count in r.broken:
         console.say(f"  {count} x {text}")
     for f in r.worst:
@@ -162,7 +162,7 @@ def _say_campaign(campaign: Campaign, console: Console) -> None:
     console.say(console.paint("muted", f"digest  {r.digest}"))
 
 
-def _say_flown(campaign: Campaign, console: Console) -> None:
+def _say_hours_flown(campaign: Campaign, console: Console) -> None:
     r = campaign.result
     console.say(
         f"{campaign.system}: {r.hours:,.2f} h in {r.flights:,} flights of {campaign.until_s:g} s, "
@@ -179,7 +179,7 @@ def _say_flown(campaign: Campaign, console: Console) -> None:
 
 @dataclass(frozen=True)
 class ViolatedFlight:
-    """A flight that violated a property, and what a fault has to do with it."""
+    """A flight that violated a property, and whether the faults in it are the cause."""
 
     flight: FlightOutcome
     blame: FaultAttribution
@@ -187,7 +187,7 @@ class ViolatedFlight:
 
 @dataclass(frozen=True)
 class ExcusingFault:
-    """A fault outside: violated flights clean without it alone, and all excused that met it."""
+    """An outside fault. `flights`: violated, but clean without it alone; `met`: excused with it."""
 
     flights: int
     met: int
@@ -195,7 +195,7 @@ class ExcusingFault:
 
 @dataclass(frozen=True)
 class CampaignFault:
-    """A fault: the assumption that it keeps (None: none), how often it occurred (None: always)."""
+    """A fault. `inside`: the assumption that it respects, or None. `times`: None if always."""
 
     fault: str
     inside: str | None
@@ -206,7 +206,7 @@ def _finite_or_none(*numbers: float) -> list[float | None]:
     return [x if isfinite(x) else None for x in numbers]
 
 
-def _hours_counted(c: Flown) -> str:
+def _kind_of_hours(c: Flown) -> str:
     return "all" if c.result.hours_aloft is None else "aloft"
 
 
@@ -214,7 +214,7 @@ def _violations_per_hour(c: Flown) -> list[float | None]:
     return _finite_or_none(*c.result.per_hour)
 
 
-def _violated_outside(c: Flown) -> int:
+def _flights_violated_outside(c: Flown) -> int:
     return c.result.flights_violated - c.result.violated_inside
 
 
@@ -222,11 +222,11 @@ def _excusing_faults(c: Flown) -> dict[str, ExcusingFault]:
     return {text: ExcusingFault(n, met) for text, n, met in c.result.excused}
 
 
-def _disengagements(c: Flown) -> int:
+def _disengagement_count(c: Flown) -> int:
     return sum(m.disengagements for m in c.result.modules)
 
 
-def _episodes(c: Flown) -> int:
+def _episode_count(c: Flown) -> int:
     return sum(m.episodes for m in c.result.modules)
 
 
@@ -234,11 +234,11 @@ def _counts_saves(c: Flown) -> bool:
     return bool(c.result.modules) and c.result.modules[0].saves is not None
 
 
-def _saves(c: Flown) -> int | None:
+def _save_count(c: Flown) -> int | None:
     return sum(m.saves or 0 for m in c.result.modules) if _counts_saves(c) else None
 
 
-def _precautions(c: Flown) -> int | None:
+def _precaution_count(c: Flown) -> int | None:
     return sum(m.precautions or 0 for m in c.result.modules) if _counts_saves(c) else None
 
 
@@ -289,14 +289,14 @@ FIGURES = (
     "digest=result.digest"
 )
 MADE = {
-    "hours_of": _hours_counted,
+    "hours_of": _kind_of_hours,
     "violations_per_hour": _violations_per_hour,
-    "violated_outside": _violated_outside,
+    "violated_outside": _flights_violated_outside,
     "excused": _excusing_faults,
-    "disengagements": _disengagements,
-    "episodes": _episodes,
-    "saves": _saves,
-    "precautions": _precautions,
+    "disengagements": _disengagement_count,
+    "episodes": _episode_count,
+    "saves": _save_count,
+    "precautions": _precaution_count,
     "modules": _modules_by_name,
     "measures": _measures_by_name,
     "violated_flights": _violated_flights,

@@ -92,7 +92,7 @@ STEPS_SHOWN = 8
 class Options:
     """Parse a program, check types, well-formedness (P1a, P1b) and composition."""
 
-    files: list[str] = file_option("FILE...", "a program; - for standard input", told="")
+    files: list[str] = file_option("FILE...", "a program; - for standard input", json_name="")
     params: Pairs = option(*SET)
     times: str | None = option(
         "--times FILE", None, "what `soter measure` wrote, for nodes without a `wcet`"
@@ -101,7 +101,7 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Checks every file, whatever is wrong with the others; UsageError for two `-`."""
+    """Checks every file, even if others have errors; UsageError for more than one `-`."""
     if args.files.count("-") > 1:
         raise UsageError("standard input can be read once")
     if len(args.files) == 1:
@@ -122,7 +122,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
 
 
 def _check_file(file: str, args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Checks one file; SoterError where it cannot be read."""
+    """Checks one file and prints the report; SoterError if it cannot be read."""
     text = standard_input() if file == "-" else None
     with LineOfProgress(console) as line:
         program = load(file, line) if text is None else load(STDIN, line, text)
@@ -156,12 +156,12 @@ def _say_report(report: CheckReport, console: Console) -> None:
 
 
 def _without_p1c(line: str, timed: set[str]) -> str:
-    """A line on what is assumed, without P1c where the times of all its modules show that."""
+    """A line about assumptions, without P1c if the times of all its modules prove P1c."""
     return line.replace(" P1c", "", 1) if {*line.partition(": ")[0].split(", ")} <= timed else line
 
 
 def _step_lines(report: CheckReport) -> list[str]:
-    """Lines for the longest steps: at most how many operations and bytes of locals each takes."""
+    """Lines for the costliest steps: the most operations and bytes of local variables of each."""
     ordered = sorted(report.steps, key=lambda s: -s.operations)
     lines = []
     for s in ordered[:STEPS_SHOWN]:

@@ -48,7 +48,7 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Compares two versions, tells what differs, and writes the page."""
+    """Compares two versions, prints how they differ, and writes the page."""
     found = compare(args.old, args.new, args.hazards)
     console.say(f"{console.paint('bold', found.headline)}\n")
     for d in found.declarations:

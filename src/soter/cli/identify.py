@@ -46,7 +46,7 @@ class Options:
     """Fits open parameters to logs: model, bounds of disturbances, errors of measurements."""
 
     logs: Sequence[str] = option("LOG...", (), "each is an episode; what `soter monitor` reads")
-    file: str = option("--program FILE", ..., "whose `param`s are open", told="file")
+    file: str = option("--program FILE", ..., "whose `param`s are open", json_name="file")
     open: Sequence[str] = option(
         "--open NAME", (), "a parameter to fit; by default all that plants and bounds need", SEVERAL
     )
@@ -64,7 +64,7 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Fits, tells, and writes the values where they explain every step; SoterError U001."""
+    """Fits, prints, and writes the values if they explain every step; SoterError U001."""
     from soter.api import identifying  # noqa: PLC0415 - needs NumPy
 
     identifying.require_replaceable(Path(args.output))

@@ -13,7 +13,7 @@ from soter.cli.terminal.command_line import UsageError
 from soter.cli.terminal.command_outcome import CommandOutcome
 from soter.diagnostics.command_records import SWITCH, Kind, option
 from soter.diagnostics.diagnostic import mistake
-from soter.version import pip_install
+from soter.version import pip_command
 
 if TYPE_CHECKING:
     import argparse
@@ -36,7 +36,7 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Serves until the client leaves; UsageError for wrong options, SoterError without pygls."""
+    """Serves until the editor leaves; UsageError for wrong options, SoterError without pygls."""
     if args.tcp is not None and not 0 < args.tcp <= PORT_MAX:
         raise UsageError(f"{args.tcp} is no port: 1 to {PORT_MAX} are", "soter lsp --tcp PORT")
     if args.tcp is not None and args.stdio:
@@ -49,7 +49,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         if (error.name or "").split(".")[0] not in {"pygls", "lsprotocol"}:
             raise
         message = "the language server speaks with pygls, which is not installed"
-        raise mistake("D007", message, f"install it: {pip_install('editor')}") from error
+        raise mistake("D007", message, f"install it: {pip_command('editor')}") from error
     if args.tcp is not None:
         console.note(f"waiting for a client at port {args.tcp}")
     from soter.verify.proof_cache import stored_verdicts_of_file  # noqa: PLC0415 - only then

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from soter import __version__
-from soter.addons import by_name
+from soter.addons import load_module
 from soter.cli.terminal.command_line import Command, CommandParser, HelpWantedError, UsageError
 from soter.cli.terminal.command_outcome import (
     DIAGNOSTICS,
@@ -72,7 +72,7 @@ BLAS_SPINS = ("OPENBLAS_THREAD_TIMEOUT", "20")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command line and return its exit code."""
+    """Runs one command line and returns its exit code."""
     os.environ.setdefault(*BLAS_SPINS)
     arguments = list(sys.argv[1:] if argv is None else argv)
     options = arguments[: arguments.index("--")] if "--" in arguments else arguments
@@ -94,7 +94,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run_and_print(
     name: str | None, arguments: list[str], console: Console, format_: str | None = None
 ) -> int:
-    """Runs the command, prints its outcome in the format wanted, and returns its exit code."""
+    """Runs the command, prints its outcome in the wanted format, and returns its exit code."""
     if "--json" in arguments:
         format_ = None  # `_run_command` refuses both, and `--json` decides how that is told
     outcome = _outcome_of_line(name, arguments, console)
@@ -113,7 +113,7 @@ def _run_and_print(
 
 
 def _outcome_of_line(name: str | None, arguments: list[str], console: Console) -> CommandOutcome:
-    """The outcome of a command line; every exception but `ChildResult` becomes one."""
+    """The outcome of a command line; every exception except `ChildResult` becomes an outcome."""
     try:
         _require_utf8(arguments)
         _require_own_folder()
@@ -139,7 +139,7 @@ def _outcome_of_line(name: str | None, arguments: list[str], console: Console) -
 
 
 def _require_utf8(arguments: Sequence[str]) -> None:
-    """Raises UsageError for a word that is not UTF-8: no report or document could print it."""
+    """Raises UsageError for an argument that is not UTF-8, as no output could print it."""
     for word in arguments:
         if (shown := utf8_text(word)) != word:
             text = f"`{shown}` is not UTF-8, which everything that soter writes is: rename it"
@@ -147,29 +147,29 @@ def _require_utf8(arguments: Sequence[str]) -> None:
 
 
 def _require_own_folder() -> None:
-    """Raises OSError if `.soter`, where commands write, is a link: a stranger may have sent it."""
+    """Raises OSError if `.soter`, where commands write, is a link, perhaps made by a stranger."""
     if os.path.lexists(".soter"):
-        from soter.report.atomic_write import own_place, require_no_links  # noqa: PLC0415 - then only
+        from soter.report.atomic_write import own_path, require_no_links  # noqa: PLC0415 - then only
 
-        require_no_links(own_place(Path(), ".soter"))
+        require_no_links(own_path(Path(), ".soter"))
 
 
 def _run_command(name: str | None, arguments: list[str], console: Console) -> CommandOutcome:
     if name is None:
-        return _without_command(arguments, console)
+        return _outcome_without_command(arguments, console)
     rest = list(arguments)
     rest.remove(name)
     if name == "help":
-        return _help_for(rest, console)
+        return _answer_help(rest, console)
     if "--json" in rest and format_of(name, rest) is not None:
         raise UsageError("`--format` or `--json`, not both", f"soter {name} ... --format FORMAT")
     if name in COMMANDS:
-        return _complete_outcome(name, rest, console)
+        return _outcome_of_command(name, rest, console)
     raise _unknown_command(name)
 
 
-def _complete_outcome(name: str, rest: list[str], console: Console) -> CommandOutcome:
-    """Runs a command; adds its program's diagnostics, and what it is about, to the outcome."""
+def _outcome_of_command(name: str, rest: list[str], console: Console) -> CommandOutcome:
+    """Runs a known command, and adds its program's diagnostics and its subject to the outcome."""
     parser = command_parser(name)
     args = parser.read_line(rest)
     if problems := unused_options(parser.record, vars(args), args.written, flags=True):
@@ -189,7 +189,7 @@ def _complete_outcome(name: str, rest: list[str], console: Console) -> CommandOu
 def command_module(name: str) -> Command:
     """The module that implements a command; `help` has none."""
     room = "soter.cli.tool" if name in TOOL else "soter.cli"
-    return cast("Command", by_name(f"{room}.{name}"))
+    return cast("Command", load_module(f"{room}.{name}"))
 
 
 def command_parser(name: str) -> CommandParser:
@@ -197,8 +197,8 @@ def command_parser(name: str) -> CommandParser:
     return CommandParser(name, command_module(name))
 
 
-def _help_for(rest: list[str], console: Console) -> CommandOutcome:
-    """Answers `soter help [COMMAND]` as `--help` would; UsageError for anything else."""
+def _answer_help(rest: list[str], console: Console) -> CommandOutcome:
+    """Prints for `soter help [COMMAND]` what `--help` would; UsageError for other arguments."""
     asked = [a for a in rest if a not in ("--json", "-h", "--help")]
     wrong = next((a for a in asked if a.startswith("-")), "") or "".join(asked[1:2])
     if wrong:
@@ -216,7 +216,7 @@ def _unknown_command(name: str) -> UsageError:
     return UsageError(f"there is no command `{name}`{hint}", "soter COMMAND ...; soter --help")
 
 
-def _without_command(arguments: list[str], console: Console) -> CommandOutcome:
+def _outcome_without_command(arguments: list[str], console: Console) -> CommandOutcome:
     if {"-V", "--version"} & set(arguments):
         console.say(f"soter {__version__}")
         return CommandOutcome(fields={"version": __version__})
@@ -254,7 +254,7 @@ def _help_text(console: Console) -> str:
 
 
 def _exit_after_output(exit_code: int, console: Console) -> int:
-    """The exit code, or 1 where standard output could not take the result."""
+    """The exit code, or 1 if standard output could not take a result that was fine."""
     error = console.output_error
     if error is None or isinstance(error, BrokenPipeError):
         return exit_code
@@ -268,7 +268,7 @@ def _os_diagnostic(error: OSError) -> Diagnostic:
 
 
 def apologise(error: Exception, arguments: list[str]) -> Diagnostic:
-    """A diagnostic I001; the details are written to `.soter/crash-....txt`."""
+    """Reports a defect of soter as I001, and writes the details to `.soter/crash-....txt`."""
     import platform  # noqa: PLC0415 - only for a defect
     import traceback  # noqa: PLC0415 - the same
 

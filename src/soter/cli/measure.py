@@ -77,7 +77,7 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Measures the steps, tells their times and writes the file."""
+    """Measures the steps, prints their times and writes the file of times."""
     from soter.api.measuring import DOCUMENT, measure, measure_on_board, write_measurement  # noqa: PLC0415 - needs NumPy
 
     program = loaded_program(args, console)

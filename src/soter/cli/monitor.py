@@ -33,10 +33,10 @@ from soter.cli.terminal.log_judgement import (
     NOTHING,
     judgement_lines,
     judgement_sections,
-    lost_lines,
+    loss_lines,
     share_words,
     undecided_warning,
-    unheard_sentence,
+    unheard_sentences,
     verdict_line,
 )
 from soter.cli.terminal.program_loading import bound_program, loaded_program, opened_program
@@ -69,7 +69,7 @@ RULE = "monitor"
 
 
 def judgement_findings(judged: Sequence[Judgement]) -> tuple[CiFinding, ...]:
-    """A finding for each module: whether its plant, as proved, explains each step."""
+    """A finding for each module: whether its plant, as it was proved, explains every step."""
     findings = []
     for j in judged:
         how = f"judged on {j.source}{share_words(j.judged_share)}"
@@ -91,7 +91,7 @@ def judgement_findings(judged: Sequence[Judgement]) -> tuple[CiFinding, ...]:
 
 
 def log_findings(judged: LogJudgement) -> tuple[CiFinding, ...]:
-    """A finding for each module: whether a read lay outside `safe`, with what is assumed."""
+    """A finding for each module: whether a value it read was outside `safe`; assumptions."""
     findings = []
     for m in judged.modules:
         text = f"{m.module}: {verdict_line(m)}"
@@ -99,8 +99,8 @@ def log_findings(judged: LogJudgement) -> tuple[CiFinding, ...]:
             missing = tuple(f"missing: {name}" for name in m.missing)
             findings.append(CiFinding("open", RULE, m.module, text, m.span, missing))
             continue
-        lost = (t.strip() for t in lost_lines(judged))
-        details = (*unheard_sentence(m), *lost, *(f"assumed: {a}" for a in judged.assumptions))
+        lost = (t.strip() for t in loss_lines(judged))
+        details = (*unheard_sentences(m), *lost, *(f"assumed: {a}" for a in judged.assumptions))
         kind: Kind = "fail" if m.violated else "pass" if m.judged else "open"
         kind = "open" if m.damage is not None else kind
         findings.append(CiFinding(kind, RULE, m.module, text, m.span, details))
@@ -207,7 +207,7 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Judges, or writes the node; SoterError U001 for options that do not go together."""
+    """Judges a run or a log, or writes the monitor; SoterError U001 for options that clash."""
     logs, args.log = [*args.log], ", ".join(args.log) or None
     if args.map is not None:
         return _judge_foreign_log(args, logs, console)
@@ -236,7 +236,7 @@ def _say_runs(
     console: Console,
     program: Program,
 ) -> CommandOutcome:
-    """Tells a line for each run and module, and one for each module over all runs."""
+    """Prints a line for each module in each run, and one for each module over all runs."""
     rows = [
         (str(s), *_module_row(j)) for s, judged in zip(seeds, by_seed, strict=True) for j in judged
     ]
@@ -246,7 +246,7 @@ def _say_runs(
 
 
 def _joined_judgement(of: Sequence[Judgement]) -> Judgement:
-    """One judgement for a module in several runs: sums, first alarm, step with largest share."""
+    """The judgement of one module over several runs: sums, first alarm, and largest share."""
     states = Counter[str]()
     for j in of:
         states.update(j.alarm_states)
@@ -274,7 +274,7 @@ def _tell_judgements(
 def _offset_sections(
     judged: Sequence[Judgement], args: argparse.Namespace
 ) -> Iterator[PageSection]:
-    """For a page of one run: how far its states were from what the model allows, over time."""
+    """Page sections that show over time how far one run's states were from those allowed."""
     asked = args.report is not None and len(args.seed) == 1
     for j in (j for j in judged if asked and j.offsets):
         times = JudgedTimes(j.offset_times_s[0], j.offset_times_s[-1], changes=j.modes)
@@ -320,14 +320,14 @@ def _tell_table(
         PageSection("What was judged", (says, *dict.fromkeys(notes)), head, tuple(rows)),
         *_offset_sections(judged, args),
         PageSection("How to read it", (MEANING,)),
-        PageSection("Provenance", _provenance(program)),
+        PageSection("Provenance", _provenance_lines(program)),
     ]
-    fields |= _write_page(args, headline, _headline_tone(code, part), sections_, console)
+    fields |= _write_report_page(args, headline, _headline_tone(code, part), sections_, console)
     return CommandOutcome(code, (), fields, found)
 
 
 def _headline(code: int, part: float, damage: Damage | None, alarms: int) -> str:
-    """The verdict in one line, for the page and, of a damaged log, for the terminal."""
+    """The verdict in one line, for the page, and for the terminal if the log is damaged."""
     if damage is not None:
         return f"{damage}: {alarms:,} alarms there"
     headlines = {VIOLATED: "the model is false", UNDECIDED: NOTHING}
@@ -337,7 +337,7 @@ def _headline(code: int, part: float, damage: Damage | None, alarms: int) -> str
 def _judge_foreign_log(
     args: argparse.Namespace, logs: list[str], console: Console
 ) -> CommandOutcome:
-    """Judges a log that `--map` describes; SoterError U001 for a `--where` that is no pair."""
+    """Judges a log by the mapping of `--map`; SoterError U001 for a `--where` without `=`."""
     wrong = next((pair for pair in args.where if "=" not in pair), None)
     if wrong is not None:
         raise mistake("U001", f"`--where` is COLUMN=TEXT, not `{wrong}`")
@@ -357,13 +357,13 @@ def _judge_foreign_log(
     code = exit_of_kinds(f.kind for f in found)
     fields = DOCUMENT.of(Monitored(log=judged))
     headline = "; ".join(f"{m.module}: {verdict_line(m)}" for m in judged.modules)
-    page = [*judgement_sections(judged), PageSection("Provenance", _provenance(program))]
+    page = [*judgement_sections(judged), PageSection("Provenance", _provenance_lines(program))]
     part = min((m.judged_share for m in judged.modules), default=0.0)
-    fields |= _write_page(args, headline, _headline_tone(code, part), page, console)
+    fields |= _write_report_page(args, headline, _headline_tone(code, part), page, console)
     return CommandOutcome(code, items, fields, found)
 
 
-def _write_page(
+def _write_report_page(
     args: argparse.Namespace, headline: str, colour: str, of: list[PageSection], console: Console
 ) -> dict[str, object]:
     """Writes the page if `--report` asks for it; SoterError D006 if it cannot be written."""
@@ -377,12 +377,12 @@ def _write_page(
 
 
 def _headline_tone(code: int, share: float) -> str:
-    """The tone of a page's headline: `good` only if all of the record was judged."""
+    """The tone of a page's headline; it is `good` only if the whole record was judged."""
     return "bad" if code == VIOLATED else "good" if code == FINE and share == 1.0 else ""
 
 
-def _provenance(program: Program) -> tuple[str, ...]:
-    """The program and the version of soter that judged, for the page."""
+def _provenance_lines(program: Program) -> tuple[str, ...]:
+    """The lines of a page that name the program and the version of soter that judged."""
     return (f"Program {program.path}, SHA-256 {program.sha256}.", f"Judged by soter {VERSION}.")
 
 
@@ -392,7 +392,7 @@ def _seeds_text(args: argparse.Namespace) -> str:
 
 
 def _module_row(j: Judgement) -> tuple[str, ...]:
-    """A module's cells in the table with the headers `HEAD`."""
+    """The cells of a module in the table whose columns are `HEAD`."""
     return (
         j.module,
         f"{j.steps:,}",

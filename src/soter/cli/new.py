@@ -18,7 +18,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.addons import by_name
+from soter.addons import load_module
 from soter.api import load
 from soter.api.output_files import require_utf8
 from soter.cli.terminal.command_outcome import CommandOutcome
@@ -29,7 +29,7 @@ from soter.diagnostics.command_records import SEVERAL, SWITCH, option
 from soter.diagnostics.diagnostic import Severity, mistake
 from soter.diagnostics.render import safe
 from soter.diagnostics.system_texts import reason
-from soter.version import pip_install
+from soter.version import pip_command
 
 if TYPE_CHECKING:
     import argparse
@@ -61,7 +61,7 @@ EXAMPLES = """\
 class Options:
     """Make a small robot that runs, in a new folder."""
 
-    name: str = file_option("NAME", "of the robot and of its folder", told="")
+    name: str = file_option("NAME", "of the robot and of its folder", json_name="")
     robot: str | None = option("--robot KIND", None, "a kind of robot; `soter new x --robot help`")
     figures: Sequence[str] = option(
         "--set NAME=X", (), "with --robot: a figure, as in its program; may be repeated", SEVERAL
@@ -79,7 +79,7 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Makes the folder and tells what to type next; SoterError where it cannot be made."""
+    """Makes the folder and prints the next commands; SoterError if it cannot be made."""
     folder = Path(args.name)
     name = _checked_name(folder, args.name)
     names = {"name": name, "prefix": program_prefix(name)}
@@ -95,7 +95,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         commands = _next_commands(folder, name, kind=False)
     _make_folder(folder, texts)
     files = sorted(texts)
-    _say_made(folder, files, commands, console)
+    _say_files_made(folder, files, commands, console)
     fields: dict[str, object] = {
         "folder": str(folder),
         "files": files,
@@ -105,7 +105,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
 
 
 def _require_sound(program: str, texts: Mapping[str, str]) -> None:
-    """SoterError U001 where the program of a kind has an error with these figures."""
+    """Raises SoterError U001 if the robot's program has an error with the figures given."""
     loaded = load(program, text=texts[program])
     if not loaded.ok:
         first = next(d for d in loaded.diagnostics if d.severity is Severity.ERROR)
@@ -116,8 +116,8 @@ def _require_sound(program: str, texts: Mapping[str, str]) -> None:
 
 
 def _files_of_log(name: str, args: argparse.Namespace) -> dict[str, str]:
-    """The texts, by file name, of a mapping and a program's head; SoterError D016, D007."""
-    drafts, found = by_name("soter.monitor.survey_drafts"), _surveyed_logs(args)
+    """Texts by file name, for a log: a mapping and a program's head; SoterError D016, D007."""
+    drafts, found = load_module("soter.monitor.survey_drafts"), _surveyed_logs(args)
     log = ", ".join(Path(log).name for log in args.logs)
     return {
         f"{name}.soter": drafts.program_head(found, log, name),
@@ -126,9 +126,9 @@ def _files_of_log(name: str, args: argparse.Namespace) -> dict[str, str]:
 
 
 def _surveyed_logs(args: argparse.Namespace) -> Any:  # noqa: ANN401 - of an add-on
-    """What stands in the logs; SoterError D016, D007."""
+    """The survey of the logs: their channels and fields; SoterError D016, D007."""
     require_utf8(*args.logs)
-    survey = by_name("soter.monitor.log_survey")
+    survey = load_module("soter.monitor.log_survey")
     return survey.survey_of_logs([Path(log) for log in args.logs], partial=args.partial)
 
 
@@ -161,7 +161,7 @@ def _filled_template(template: str, names: dict[str, str]) -> str:
 
 
 def _make_folder(folder: Path, texts: dict[str, str]) -> None:
-    """Fills a folder under a hidden name, then renames it; SoterError D006 leaves nothing."""
+    """Fills a hidden folder, then renames it to `folder`; after SoterError D006 nothing is left."""
     hidden = folder.with_name(f".{folder.name}.{secrets.token_hex(4)}")
     try:
         hidden.mkdir()
@@ -177,11 +177,11 @@ def _make_folder(folder: Path, texts: dict[str, str]) -> None:
 
 
 def _next_commands(folder: Path, name: str, *, kind: bool) -> list[tuple[str, str]]:
-    """Commands to type next, in the same folder and this order, each with what it does."""
+    """The commands to type next, in this order, each with what it does."""
     at, program = shlex.quote(str(folder)), shlex.quote(str(folder / f"{name}.soter"))
     proof = shlex.quote(str(folder / "proof"))
     learned = shlex.quote(f"Learned=c:{folder / 'policy.c'}:policy_step")
-    missing = [(pip_install("prove"), "what re-checks: it is not here")] * (not find_spec("flint"))
+    missing = [(pip_command("prove"), "what re-checks: it is not here")] * (not find_spec("flint"))
     stays, leaves = ("keeps `safe`", "breaks it") if kind else ("stays on the rail", "leaves it")
     return [
         *missing,
@@ -197,7 +197,7 @@ def _next_commands(folder: Path, name: str, *, kind: bool) -> list[tuple[str, st
     ]
 
 
-def _say_made(
+def _say_files_made(
     folder: Path, files: list[str], commands: list[tuple[str, str]], console: Console
 ) -> None:
     console.say(f"{console.paint('green', 'made')}  {folder}/  {'  '.join(files)}\n\nnext")

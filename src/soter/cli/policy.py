@@ -78,7 +78,7 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Reads, tells and writes the policy; UsageError or SoterError U001 if options do not fit."""
+    """Reads, prints and writes the policy; UsageError or SoterError U001 if options clash."""
     from soter.policy.soter_source import error_bound  # noqa: PLC0415 - needs NumPy
 
     if args.output is not None and args.output.endswith(".c") != (args.node is not None):
@@ -98,7 +98,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         "facts": facts,
         "assumed": list(policy.assumed),
         "inputs": policy.network.inputs,
-        "outputs": policy.network.answers,
+        "outputs": policy.network.answer_count,
         "bound": bound,
         "output": args.output,
     }
@@ -126,7 +126,7 @@ def _read_policy(path: Path, statistics: str | None) -> Policy:
 
 
 def _input_box(policy: Policy, within: list[float] | None) -> tuple[Doubles, Doubles] | None:
-    """The box of observations: as `--within` gives it, else as the file; None if neither does."""
+    """The bounds of observations from `--within`, else from the file; None if neither has them."""
     import numpy as np  # noqa: PLC0415 - as above
 
     if within is None:
@@ -184,10 +184,10 @@ def _write_soter(path: Path, policy: Policy, file: str, facts: dict[str, str]) -
 
 
 def _write_c(path: Path, policy: Policy, node: str) -> str:
-    """Writes the policy as C of an extern node, and returns its `--bind`; UsageError."""
+    """Writes the policy as C of an extern node; gives the value for `--bind`; UsageError."""
     from soter.codegen.unit import generate  # noqa: PLC0415 - as above
     from soter.policy.c_source import c_source  # noqa: PLC0415 - as above
-    from soter.policy.policy_extern import reads_by_name  # noqa: PLC0415 - as above
+    from soter.policy.policy_extern import reads_in_order  # noqa: PLC0415 - as above
 
     file, _, name = node.rpartition(":")
     program = load(file or node)
@@ -202,7 +202,7 @@ def _write_c(path: Path, policy: Policy, node: str) -> str:
                 (t.name.rpartition(".")[2], system.topics[x.scope.topics[t]].type) for t in topics
             ]
             if policy.keys:
-                reads = list(reads_by_name(Path(policy.path), policy.keys, policy.shapes, reads))
+                reads = list(reads_in_order(Path(policy.path), policy.keys, policy.shapes, reads))
             unit = generate(system)
             node_name = unit.names[x.index]
             function = f"{name.rpartition('.')[2]}_step"

@@ -97,7 +97,7 @@ NO_LAW = "failsafe: nothing is said of what acts once the trusted part stops"
 class Options:
     """Check a certificate of `soter verify --cert`."""
 
-    folder: str = file_option("DIR", "the folder of the certificate", told="certificate")
+    folder: str = file_option("DIR", "the folder of the certificate", json_name="certificate")
     logs: Sequence[str] = option(
         "--log LOG",
         (),
@@ -108,7 +108,7 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Checks the certificate and tells the verdict; SoterError U001 for a page inside of it."""
+    """Checks the certificate and prints the verdict; SoterError U001 for a page inside of it."""
     report_file = None
     if args.report is not None:
         report_file = report_path(args.report, args.folder, ENDING)
@@ -136,18 +136,18 @@ def _exit_code(report: Report) -> int:
     verdicts = {report.verdict, *(f.verdict for f in report.flights)}
     if verdicts != {ACCEPTED}:
         return VIOLATED if REJECTED in verdicts else NOT_RECHECKED
-    returns = all(m.returns or m.stays or m.decided for m in report.modules)
+    returns = all(m.has_return or m.stays or m.lacks_flight_only for m in report.modules)
     asked = all(f.verdicts or f.others for f in report.flights)
-    complete = report.decided and returns and asked and not report.contradicted
+    complete = report.is_safe_with_flight and returns and asked and not report.contradicted
     return FINE if complete else UNDECIDED
 
 
 def _colour_and_verdict(report: Report, folder: str) -> tuple[str, str]:
-    """The colour of the verdict, and the verdict in words."""
+    """The colour of the verdict, and the verdict as a line of text."""
     if not report.accepted:
         colour = "red" if report.verdict == REJECTED else "yellow"
         return colour, f"{report.verdict.upper()}  {folder}"
-    if not report.decided:
+    if not report.is_safe_with_flight:
         several = len(report.modules) > 1
         missing = "; ".join(
             (f"{m.name}: " if several else "") + ", ".join(m.missing)
@@ -159,11 +159,11 @@ def _colour_and_verdict(report: Report, folder: str) -> tuple[str, str]:
     if report.contradicted:
         return "yellow", f"ACCEPTED IN PART  {folder}: with other values than the program sets"
     if not report.safe:
-        names = visible(", ".join(report.in_flight))
+        names = visible(", ".join(report.modules_decided_in_flight))
         why = f"P2a and start are confirmed of {names}, P3 is not proved of anything"
         return "yellow", f"ACCEPTED, decided in flight  {folder}: {why}"
-    why = visible("; ".join(f"{name}: {text}" for name, text in report.vacuous.items()))
-    says = ["without P2b"] * (not report.returns) + ["of next to nothing"] * bool(why)
+    why = visible("; ".join(f"{name}: {text}" for name, text in report.why_vacuous.items()))
+    says = ["without P2b"] * (not report.has_return) + ["of next to nothing"] * bool(why)
     colour = "yellow" if says else "green"
     return colour, f"{', '.join(['ACCEPTED', *says])}  {folder}{f': {why}' * bool(why)}"
 
@@ -189,7 +189,7 @@ def _page_sections(report: Report) -> Iterator[PageSection]:
 
 
 def _module_section(m: RecheckedModule, report: Report) -> PageSection:
-    """The section of a module: what it keeps, which claims are confirmed, and which are not."""
+    """The page section of a module: what it guarantees, and which claims are confirmed or not."""
     title = visible(f"{m.name} of system {m.system}")
     if m.not_rechecked:
         return PageSection(title, (visible(f"Not re-checked: {m.not_rechecked}."),))
@@ -228,7 +228,7 @@ def _flight_lines(flight: FlightReport) -> Iterator[str]:
 
 
 def _say_flights(report: Report, console: Console) -> None:
-    """Tells each flight in a line, and below it up to SHOWN verdicts that were not confirmed."""
+    """Prints a line for each flight, and below it up to SHOWN verdicts that were not confirmed."""
     for flight in report.flights:
         first, *others = _flight_lines(flight)
         colour = {ACCEPTED: "green", REJECTED: "red"}.get(flight.verdict, "yellow")
@@ -242,7 +242,7 @@ def _say_flights(report: Report, console: Console) -> None:
 
 
 def _say_result(report: Report, folder: str, console: Console) -> None:
-    """Tells the result; `visible` keeps texts of the certificate from moving the cursor."""
+    """Prints the result; `visible` stops texts of the certificate from moving the cursor."""
     folder = visible(folder)
     hash_ = report.program_sha256[:12]
     if not report.accepted:
@@ -260,8 +260,8 @@ def _say_result(report: Report, folder: str, console: Console) -> None:
     console.say(f"{_headline(report, folder, console)}  {hash_}  {report.seconds:.1f} s")
     for module in report.modules:
         where = f"{module.name} of system {module.system} in {report.program}"
-        console.say(f"  {visible(where)}: {' '.join(module.confirmed)}, {_size_of_sets(module)}")
-        for colour, text in _remarks(module):
+        console.say(f"  {visible(where)}: {' '.join(module.confirmed)}, {_set_size_text(module)}")
+        for colour, text in _remark_lines(module):
             console.say(console.paint(colour, f"    {visible(text)}"))
     console.say("\nunder these assumptions, derived from the program")
     for number, text in _numbered_assumptions(report):
@@ -272,18 +272,18 @@ def _say_result(report: Report, folder: str, console: Console) -> None:
 
 
 def _numbered_assumptions(report: Report) -> list[tuple[str, str]]:
-    """The derived assumptions, each behind its number, in the order of the numbers."""
+    """Pairs (number, text) of the derived assumptions, in order of their numbers."""
     derived = set(report.assumptions)
     return [(n, text) for text, n in report.assumption_numbers.items() if text in derived]
 
 
-def _size_of_sets(module: RecheckedModule) -> str:
-    """How many cells the checked sets of a module have."""
+def _set_size_text(module: RecheckedModule) -> str:
+    """The number of cells in the checked sets of a module, as text."""
     return "no sets" if module.in_flight else f"{module.cells:,} cells"
 
 
-def _remarks(module: RecheckedModule) -> Iterator[tuple[str, str]]:
-    """Yields (colour, line) for all that is to be said besides the confirmed claims."""
+def _remark_lines(module: RecheckedModule) -> Iterator[tuple[str, str]]:
+    """Yields (colour, line) for every remark on a module other than its confirmed claims."""
     if values := ", ".join(_parameter_text(module, name) for name in module.parameters):
         yield "muted", f"with {values}"
     if module.in_flight:
@@ -299,14 +299,14 @@ def _remarks(module: RecheckedModule) -> Iterator[tuple[str, str]]:
 
 
 def _parameter_text(module: RecheckedModule, name: str) -> str:
-    """A parameter with the value that was checked, and the program's own if they differ."""
+    """A parameter's checked value as text, with the program's own value if that differs."""
     default = module.otherwise.get(name)
     note = "" if default is None else f" ({default} by the program)"
     return f"{name} = {module.parameters[name]}{note}"
 
 
 def _module_name(module: RecheckedModule, report: Report) -> str:
-    """The name of a module, with its system's in front if other modules have the same name."""
+    """The name of a module, behind its system's name if another module has the same name."""
     several = sum(m.name == module.name for m in report.modules) > 1
     return f"{module.system}.{module.name}" if several else module.name
 
@@ -318,15 +318,15 @@ def _modules_by_name(report: Report) -> dict[str, RecheckedModule]:
 ASSUMPTION = JsonObject("soter.certificate.report.RecheckAssumption", "key text")
 DOCUMENT = JsonObject(
     "soter.certificate.report.Report",
-    "accepted verdict safe returns reason program_sha256 seconds program modules assumptions "
-    "assumption_keys=all_assumptions.key not_covered flights",
+    "accepted verdict safe returns=has_return reason program_sha256 seconds program modules "
+    "assumptions assumption_keys=all_assumptions.key not_covered flights",
     {"modules": _modules_by_name},
     beside={"certificate": str, "report?": str},
     verdict=one_of(*VERDICTS),
     modules=JsonObject(
         "soter.certificate.report.RecheckedModule",
         "system verdict reason=not_rechecked parameters otherwise times_ns=times confirmed "
-        "not_confirmed=unconfirmed_claims missing in_flight=decided cells shown vacuous "
+        "not_confirmed=unconfirmed_claims missing in_flight=lacks_flight_only cells shown vacuous "
         "vacuity_unseen=unseen",
         shown=ASSUMPTION,
         verdict=one_of(ACCEPTED, errors.NOT_RECHECKED),

@@ -38,7 +38,7 @@ ENDING = "-replay.html"
 class Options:
     """Run a trace again, in the reference interpreter."""
 
-    trace: str = file_option("TRACE", "a file of `soter test` or `soter verify`", told="trace")
+    trace: str = file_option("TRACE", "a file of `soter test` or `soter verify`", json_name="trace")
     html: str | None = report_option(
         "the run with the instant that violates", ENDING, "--report --html"
     )
@@ -46,7 +46,7 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Replays the trace, tells its steps, and writes the files that were asked for."""
+    """Replays the trace, prints its steps, and writes the files that options ask for."""
     if args.html is not None:
         args.html = str(report_path(args.html, args.trace, ENDING))
     report = replay(args.trace)
@@ -63,7 +63,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
 def _write_files(
     report: ReplayReport, args: argparse.Namespace
 ) -> tuple[dict[str, str], tuple[Diagnostic, ...]]:
-    """The path of each file written, by kind; and diagnostics of those that could not be."""
+    """Paths of the written files by kind, and diagnostics for those that could not be written."""
     written: dict[str, str] = {}
     problems: list[Diagnostic] = []
     for kind, write in (("html", report.write_html), ("mcap", report.write_mcap)):

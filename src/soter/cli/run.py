@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from soter import __version__
-from soter.addons import by_name
+from soter.addons import load_module
 from soter.api import Program, require_writers
 from soter.cli.terminal.child_process import fork_into_child
 from soter.cli.terminal.command_line import keyword_arguments
@@ -58,7 +58,7 @@ reports share (soter-plotly-....js)
 
 {CAMPAIGN_FOLDER}"""
 NAME_MAX = 150
-"""Most characters of a file name that `_default_name` makes; file systems allow 255 bytes."""
+"""Most characters of a file name that `_default_file_name` makes; file systems allow 255 bytes."""
 OWN_PLACE = ""
 """The value of --log and --report without a path."""
 
@@ -71,7 +71,7 @@ class Options(RunOptions):
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Runs the system and tells it."""
+    """Runs the system, prints the summary and writes log and report."""
     program = opened_program(args, console)
     if program.externs:
         fork_into_child(console, lambda process: _mend_logs(args, process))
@@ -83,8 +83,8 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     bound_program(program, args)
     if args.arm == "paper" and args.campaign is None:
         args.campaign = _campaign_folder(program, args, first_seed)
-    _require_folder(args)
-    log = _opened_log(args)
+    _require_writable_outputs(args)
+    log = _new_run_log(args)
     return _tell_run(program, _simulate(program, args, console, log), args, console, log)
 
 
@@ -101,16 +101,16 @@ def _simulate(
 
 
 def _campaign_folder(program: Program, args: argparse.Namespace, first_seed: int) -> Path:
-    """The default folder of the campaign that the flight to repeat is of."""
+    """The default folder of the campaign to which the flight to repeat belongs."""
     flat = program.flat(args.system, dict(args.params))
-    own_folder = by_name("soter.api.campaigning").own_folder
+    own_folder = load_module("soter.api.campaigning").own_folder
     return cast("Path", own_folder(flat, program.path, args.until, first_seed))
 
 
 def _tell_run(
     program: Program, result: Run, args: argparse.Namespace, console: Console, log: RunLog | None
 ) -> CommandOutcome:
-    """Prints the summary, then writes files, so that a failure there does not hide the result."""
+    """Prints the summary and then writes files, so that a failed write cannot hide the result."""
     from soter.cli.terminal.run_summary import run_summary  # noqa: PLC0415 - needs NumPy
     from soter.simulate.run_fields import DOCUMENT  # noqa: PLC0415 - needs NumPy
 
@@ -126,8 +126,8 @@ def _tell_run(
     return CommandOutcome(code, problems, {**DOCUMENT.of(result), **written})
 
 
-def _require_folder(args: argparse.Namespace) -> None:
-    """Raises SoterError before the run if its log or report could not be written after it."""
+def _require_writable_outputs(args: argparse.Namespace) -> None:
+    """Raises SoterError before the run if its log or report could not be written later."""
     probe = Path(args.output) / "probe"
     log, report = (probe if p == OWN_PLACE else p for p in (args.log, args.report))
     require_writers(log, report)
@@ -139,8 +139,8 @@ def _are_one_file(log: str, report: str) -> bool:
     return log not in {OWN_PLACE, os.devnull} and Path(log).resolve() == Path(report).resolve()
 
 
-def _default_name(args: argparse.Namespace, system: System) -> str:
-    """A file name of program, system, seed, arm and settings: no sweep overwrites itself."""
+def _default_file_name(args: argparse.Namespace, system: System) -> str:
+    """A file name from program, system, seed, arm and parameters, so different runs keep theirs."""
     parts = [Path(args.file).stem, system.name, str(args.seed)]
     parts[2:] = [Path(args.recorded).stem] if args.recorded is not None else parts[2:]
     parts += [args.arm] if args.arm else []
@@ -152,15 +152,15 @@ def _default_name(args: argparse.Namespace, system: System) -> str:
 
 
 def _path_of_output(args: argparse.Namespace, system: System, kind: str, ending: str) -> str:
-    """The path of log or report (`kind`): the given one, else the default one in the folder."""
+    """The path of the log or report (`kind`): as given, else the default name in the folder."""
     path: str = getattr(args, kind)
     if path == OWN_PLACE:
-        return str(Path(args.output) / f"{_default_name(args, system)}{ending}")
+        return str(Path(args.output) / f"{_default_file_name(args, system)}{ending}")
     return path
 
 
-def _opened_log(args: argparse.Namespace) -> RunLog | None:
-    """The writer of the log while the run goes on; None without `--log`."""
+def _new_run_log(args: argparse.Namespace) -> RunLog | None:
+    """The writer that fills the log during the run; None without `--log`."""
     if args.log is None:
         return None
     from soter.simulate.run_log import RunLog  # noqa: PLC0415 - an extra
@@ -169,7 +169,7 @@ def _opened_log(args: argparse.Namespace) -> RunLog | None:
 
 
 def _mend_logs(args: argparse.Namespace, process: int) -> tuple[str, ...]:
-    """Mends the unfinished logs that the ended process `process` left; a sentence for each."""
+    """Repairs logs that the dead process `process` left unfinished; one sentence for each."""
     if args.log is None:
         return ()
     from soter.report.atomic_write import files_left_by  # noqa: PLC0415 - only after a crash
@@ -188,7 +188,7 @@ def _mend_logs(args: argparse.Namespace, process: int) -> tuple[str, ...]:
 def _write_files(
     program: Program, result: Run, args: argparse.Namespace, log: RunLog | None, console: Console
 ) -> tuple[dict[str, str], tuple[Diagnostic, ...]]:
-    """The path of each file written, by kind; and diagnostics of those that could not be."""
+    """Paths of the written files by kind, and diagnostics for those that could not be written."""
     written: dict[str, str] = {}
     problems: list[Diagnostic] = []
     if log is not None:

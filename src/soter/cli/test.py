@@ -17,7 +17,7 @@ from soter.cli.terminal.ci_findings import CiFinding, Kind
 from soter.cli.terminal.ci_formats import junit_of_problems, junit_of_tests
 from soter.cli.terminal.command_line import keyword_arguments
 from soter.cli.terminal.command_outcome import INTERRUPTED, CommandOutcome, exit_of_kinds
-from soter.cli.terminal.console import Console, LineOfProgress, memory_size, rounded_rate
+from soter.cli.terminal.console import Console, LineOfProgress, memory_text, rate_text
 from soter.cli.terminal.program_loading import loaded_program
 from soter.cli.terminal.shared_options import FORMAT, file_option
 from soter.diagnostics.command_records import JsonObject, one_of, option, options_of
@@ -33,7 +33,7 @@ from soter.explore.results import (
     ExploreReport,
     TestResult,
     bound_text,
-    wholes,
+    wholes_by_parts,
 )
 from soter.explore.search_options import REDUCTIONS, SAMPLING, STORAGES, STRATEGIES, SearchOptions
 from soter.language.model.types import show_ns
@@ -47,8 +47,8 @@ CI_KINDS: dict[str, Kind] = {"exhausted": "pass", "violated": "fail", "bound": "
 RULE = "test"
 
 
-def of_tests(report: ExploreReport) -> tuple[CiFinding, ...]:
-    """A finding for each test; the span is that of its `test` block."""
+def findings_of_tests(report: ExploreReport) -> tuple[CiFinding, ...]:
+    """A finding for each test; its span is the `test` block."""
     findings = []
     for t in report.tests:
         text = f"{t.name}: every execution was covered, none violates a property"
@@ -71,7 +71,7 @@ def of_tests(report: ExploreReport) -> tuple[CiFinding, ...]:
 def write_problems_as_junit(
     file: str, why: SoterError, path: str, warnings: tuple[Diagnostic, ...]
 ) -> None:
-    """Writes as JUnit's XML why no test was explored; `SoterError` with D006 if it cannot."""
+    """Writes as JUnit XML why no test was explored; `SoterError` D006 if it cannot be written."""
     try:
         write_text(junit_of_problems(file, (*warnings, *why.diagnostics)), path)
     except SoterError as error:
@@ -107,7 +107,7 @@ class Options(SearchOptions):
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Explores the tests and tells the results; also writes the file of `--junit`."""
+    """Explores the tests, prints the results, and writes the file of `--junit`."""
     console.listen_to_signals()
     try:
         program = loaded_program(args, console)
@@ -124,14 +124,14 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     _say_report(report, console)
     if args.junit is not None:
         console.say(f"\njunit  {write_text(junit_of_tests(report), args.junit)}")
-    found = of_tests(report)
+    found = findings_of_tests(report)
     code = INTERRUPTED if report.interrupted else exit_of_kinds(f.kind for f in found)
     junit = junit_of_tests(report) if args.format == "junit" else ""
     return CommandOutcome(code, (), DOCUMENT.of(report), found, junit)
 
 
 def progress_text(looked: object) -> str:
-    """How far a search is: `Late  1,204,000 states, 1.4 M/s, depth 55, 9.6 MB`."""
+    """How far a search has come, as text: `Late  1,204,000 states, 1.4 M/s, depth 55, 9.6 MB`."""
     from soter.explore.search_options import SearchProgress  # noqa: PLC0415 - loaded above, too
 
     assert isinstance(looked, SearchProgress)
@@ -143,8 +143,8 @@ def progress_text(looked: object) -> str:
     more = f", covered to {show_ns(looked.covered_ns)}" if looked.covered_ns else ""
     more += f", {looked.answers:,} answers of one step" if looked.answers else ""
     return (
-        f"{looked.test}{doing}  {count:,} {noun}, {rounded_rate(rate)}/s, depth {looked.depth}, "
-        f"{memory_size(looked.bytes)}{more}"
+        f"{looked.test}{doing}  {count:,} {noun}, {rate_text(rate)}/s, depth {looked.depth}, "
+        f"{memory_text(looked.bytes)}{more}"
     )
 
 
@@ -165,7 +165,7 @@ def _summary_lines(report: ExploreReport, console: Console) -> list[str]:
     lines = ["all tests"]
     for test in report.tests:
         word, colour, more = _verdict_words(test)
-        more = more or report.unsettled(test)
+        more = more or report.unclean_contracts_note(test)
         lines.append(
             f"  {test.name:<{width}}  {console.paint(colour, f'{word:<19}')}  {more}".rstrip()
         )
@@ -173,11 +173,11 @@ def _summary_lines(report: ExploreReport, console: Console) -> list[str]:
         f"  {name:<{width}}  {console.paint('yellow', 'NOT STARTED')}"
         for name in report.not_started
     ]
-    return lines + [f"  {whole.text}" for whole in wholes(report.tests)]
+    return lines + [f"  {whole.text}" for whole in wholes_by_parts(report.tests)]
 
 
 def _verdict_words(test: TestResult) -> tuple[str, str, str]:
-    """The verdict in a word, the word's colour, and a few words more or ""."""
+    """The verdict in a word, the colour of that word, and further words or ""."""
     if test.verdict == "violated":
         assert test.broken is not None
         return "VIOLATED", "red", test.broken.text
@@ -191,7 +191,7 @@ def _test_lines(test: TestResult, console: Console) -> list[str]:
     """All lines about one test."""
     muted = "muted"
     lines = [_test_headline(test, console), console.paint(muted, _figures_text(test))]
-    lines += [console.paint("yellow", test.dear)] if test.dear else []
+    lines += [console.paint("yellow", test.slow_search_note)] if test.slow_search_note else []
     lines += ["", *_coverage_lines(test, console)]
     if test.replayed is not None:
         lines += ["", *_trace_lines(test, console)]
@@ -208,7 +208,7 @@ def _test_lines(test: TestResult, console: Console) -> list[str]:
 def _test_headline(test: TestResult, console: Console) -> str:
     word, colour, text = _verdict_words(test)
     if test.verdict == "exhausted":
-        text = f"every execution was covered, none violates a property{test.for_ever}"
+        text = f"every execution was covered, none violates a property{test.for_ever_clause}"
         cannot = sum(v.cannot_fail for v in test.vacuous)
         none = cannot >= test.coverage.properties.reached
         words = "none of its properties can" if none else f"{cannot} of its properties cannot"
@@ -218,8 +218,8 @@ def _test_headline(test: TestResult, console: Console) -> str:
     elif test.verdict == "bound":
         why = "not everything was covered" if test.interrupted else test.why
         text = f"no violation was found; {why}"
-        if test.covered:
-            text += f"\n{test.covered}"
+        if test.covered_text:
+            text += f"\n{test.covered_text}"
     return f"{console.paint('bold', test.name)}  {console.paint(colour, word)}  {text}"
 
 
@@ -233,9 +233,9 @@ def _figures_text(test: TestResult) -> str:
     if test.minimise_s:
         prefix = "" if test.minimal else "not found in "
         parts.append(f"shortest trace {prefix}{test.minimise_s:.2f} s")
-    parts.append(f"{rounded_rate(test.states_per_s)} {'states' if test.states else 'steps'}/s")
+    parts.append(f"{rate_text(test.states_per_s)} {'states' if test.states else 'steps'}/s")
     if test.states:
-        parts.append(f"{test.bits} bits a state, {memory_size(test.total_bytes)}")
+        parts.append(f"{test.bits} bits a state, {memory_text(test.total_bytes)}")
     how = f"{options.strategy}, {options.storage} storage, reduction {options.reduction}"
     if options.strategy in SAMPLING:
         how = f"{options.strategy}, seed {options.seed}"
@@ -244,14 +244,14 @@ def _figures_text(test: TestResult) -> str:
         how += f" of {options.threads} asked for: {test.threads_fewer}"
     if test.quantum_ns is not None:
         how += f"; times at multiples of {show_ns(test.quantum_ns)}"
-    return f"{', '.join(parts)}\n{how}{test.divided}"
+    return f"{', '.join(parts)}\n{how}{test.parts_clause}"
 
 
 def _coverage_lines(test: TestResult, console: Console) -> list[str]:
-    """Lines for how much was reached, what never was, and which parts of the test cannot fail."""
+    """Lines for how much was reached, what was never reached, and what in the test cannot fail."""
     from soter.report.wording import visible  # noqa: PLC0415 - needs NumPy
 
-    parts = [(name, part) for name, part in test.coverage.parts() if part.total]
+    parts = [(name, part) for name, part in test.coverage.kinds_by_name() if part.total]
     lines = ["reached  " + "  ".join(f"{name} {p.reached}/{p.total}" for name, p in parts)]
     for name, part in parts:
         shown = part.unreached[:UNREACHED_SHOWN]
@@ -263,14 +263,14 @@ def _coverage_lines(test: TestResult, console: Console) -> list[str]:
 
 
 def _other_violation_lines(test: TestResult, console: Console) -> list[str]:
-    """Lines about another property that can be violated, with its trace."""
+    """Lines about a further property that can be violated, with its trace."""
     word, colour, text = _verdict_words(test)
     head = f"{console.paint('bold', 'also')}  {console.paint(colour, word)}  {text}"
     return [head, "", *_trace_lines(test, console)] if test.replayed is not None else [head]
 
 
 def _other_properties_line(test: TestResult) -> str:
-    """A line for what the search for violations of other properties came to."""
+    """A line on how the search for violations of further properties ended."""
     count = 1 + len(test.others)
     head = f"{count} {'property' if count == 1 else 'properties'} violated"
     if test.others_bound is None:
@@ -302,15 +302,17 @@ def _is_minimal(t: TestResult) -> bool | None:
     return None if t.replayed is None else t.minimal
 
 
-def _memory_of_test(t: TestResult) -> TestResult:
+def _test_itself(t: TestResult) -> TestResult:
     return t
 
 
 VERDICTS = one_of(EXHAUSTED, VIOLATED, BOUND)
 SAYS_NOTHING = "property premise contract module fault input replacement"
 TRACE = "trace page steps minimal not_shortest? unshown=not_shown? shrunk_from? minimise_s"
-OPTIONS = " ".join(f"{o.told}=options.{n}" for n, o in options_of(SearchOptions).items() if o.told)
-MADE = {"steps": _step_count, "minimal": _is_minimal, "memory": _memory_of_test}
+OPTIONS = " ".join(
+    f"{o.json_name}=options.{n}" for n, o in options_of(SearchOptions).items() if o.json_name
+)
+MADE = {"steps": _step_count, "minimal": _is_minimal, "memory": _test_itself}
 COVERED = JsonObject(CoverageKind, "reached total unreached", named="covered")
 KINDS = "properties actors modes switches branches values"
 TEST = JsonObject(

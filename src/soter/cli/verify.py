@@ -107,7 +107,7 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Proves the modules and tells the verdicts, or tells those of the cache again."""
+    """Proves the modules and prints the verdicts, or prints verdicts stored in the cache."""
     console.listen_to_signals()
     words = _cache_key(args, console)
     if (stored := _tell_stored(args, words, console)) is not None:
@@ -117,8 +117,8 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     if args.write and not args.synthesize:
         require_writable(Path(args.file))
     report, written = _prove(args, console)
-    _save_runs(report)
-    printed, fields = _printout(report), DOCUMENT.of(report)
+    _save_refuting_runs(report)
+    printed, fields = _printed_report(report), DOCUMENT.of(report)
     printed.print_to(console)
     _say_files(report, args, console)
     paths = [str(p) for p in written]
@@ -139,7 +139,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
 
 
 def _prove(args: argparse.Namespace, console: Console) -> tuple[VerifyReport, tuple[Path, ...]]:
-    """Proves; returns the verdicts, and the files of controllers synthesized before."""
+    """Proves the modules; gives the verdicts, and the files of controllers synthesized first."""
     program = warn_of_extern_files(loaded_program(args, console), console)
     choices: Any = {"module": args.module, "system": args.system, "params": dict(args.params)}
     written: tuple[Path, ...] = ()
@@ -162,7 +162,7 @@ def _prove(args: argparse.Namespace, console: Console) -> tuple[VerifyReport, tu
 
 
 def _cache_key(args: argparse.Namespace, console: Console) -> tuple[str, ...]:
-    """The options that the outcome depends on; () where it may not be stored or told again."""
+    """The options on which the outcome depends; () if the outcome may not be stored or reused."""
     if not console.own_process or args.synthesize or args.bindings or args.write:
         return ()
     asked = (args.module, args.system, args.params, args.no_refute, args.budget)
@@ -172,7 +172,7 @@ def _cache_key(args: argparse.Namespace, console: Console) -> tuple[str, ...]:
 def _tell_stored(
     args: argparse.Namespace, words: tuple[str, ...], console: Console
 ) -> CommandOutcome | None:
-    """Prints the stored outcome of exactly this and returns it; None if it has to be proved."""
+    """Prints and gives the outcome stored for exactly these options; None if there is none."""
     files = (args.cert, args.report, args.format)
     stored = stored_outcome(args.file, words) if words and not any(files) else None
     if stored is None:
@@ -213,7 +213,7 @@ def _ci_findings(report: VerifyReport) -> Iterator[CiFinding]:
 # ---------------------------------------------------------------- for people
 
 
-def _printout(report: VerifyReport) -> Printout:
+def _printed_report(report: VerifyReport) -> Printout:
     printed, hash_ = Printout(), report.program_sha256[:12]
     numbers = numbered_assumptions(a.text for m in report.modules for a in m.assumptions)
     printed.say(printed.paint("muted", f"{report.path}  {report.system}  {hash_}"))
@@ -235,7 +235,7 @@ def _printout(report: VerifyReport) -> Printout:
 
 
 def _say_files(report: VerifyReport, args: argparse.Namespace, console: Console) -> None:
-    """Tells which files were written, and what the certificate does not claim."""
+    """Prints which files were written, and what the certificate does not claim."""
     for kind in ("cert", "report"):
         if getattr(args, kind):
             console.say(f"\n{kind:<7} {getattr(args, kind)}")
@@ -248,7 +248,7 @@ def _say_files(report: VerifyReport, args: argparse.Namespace, console: Console)
 
 
 def _coverage_lines(report: VerifyReport) -> list[str]:
-    """Lines for what the verdicts cover: parameters, systems alike; and what they do not."""
+    """Lines for what the verdicts cover (parameters, equal systems) and what they do not."""
     coverage, lines = report.coverage, []
     if coverage.params:
         values = ", ".join(f"{name} = {value}" for name, value in coverage.params)
@@ -265,14 +265,14 @@ def _coverage_lines(report: VerifyReport) -> list[str]:
 
 
 def _print_joint_verdict(report: VerifyReport, printed: Printout) -> None:
-    """Prints the verdict on all modules together, and who keeps what each takes for granted."""
+    """Prints the verdict on all modules together, and who guarantees what each module assumes."""
     from soter.report.tables import Styled  # noqa: PLC0415 - needs NumPy
     from soter.verify.scope import composed_assumptions_of  # noqa: PLC0415 - what is stored needs none
 
     verdict = printed.paint(PAINTS[report.together], report.together.upper())
     taken = composed_assumptions_of(report)
     rows = [(t.module, t.what, Styled(t.why, "strong" if t.open else "plain")) for t in taken]
-    says = [f"  {text}   (`safe` of {name})" for name, text in report.said.items()]
+    says = [f"  {text}   (`safe` of {name})" for name, text in report.safe_text_by_module.items()]
     lawful = all(m.findings["failsafe"].verdict == "proved" for m in report.modules)
     how_long = "at all times" if lawful else "for as long as the trusted part runs"
     says = ["", f"in every run that keeps what is assumed, {how_long}", *says]
@@ -283,7 +283,7 @@ def _print_joint_verdict(report: VerifyReport, printed: Printout) -> None:
 
 
 def _open_clauses_text(report: VerifyReport, taken: list[ComposedAssumption]) -> str:
-    """What the verdict on all modules together leaves open, in words; "" for nothing."""
+    """Words on what the verdict on all modules together leaves open; "" if nothing."""
     assumed = sum(t.open and not t.promised for t in taken)
     promised = sum(t.open and t.promised for t in taken)
     clauses = []
@@ -299,7 +299,7 @@ def _open_clauses_text(report: VerifyReport, taken: list[ComposedAssumption]) ->
 
 
 def _certificate_lines(report: VerifyReport) -> list[str]:
-    """Lines for modules of which the certificate claims less than a whole proof."""
+    """Lines for modules of which the certificate claims less than a full proof."""
     from soter.verify.claims.results import UNCLAIMED  # noqa: PLC0415 - what is stored needs none
 
     lines = []
@@ -320,21 +320,21 @@ def _certificate_lines(report: VerifyReport) -> list[str]:
     return lines
 
 
-def _save_runs(report: VerifyReport) -> None:
-    """Writes the runs that refute a module to `.soter/`."""
+def _save_refuting_runs(report: VerifyReport) -> None:
+    """Writes the runs that refute a module into `.soter/`."""
     if report.verdict == "refuted":
-        from soter.verify.counterexample import save_runs  # noqa: PLC0415 - only then
+        from soter.verify.counterexample import save_counterexamples  # noqa: PLC0415 - only then
 
-        save_runs(report)
+        save_counterexamples(report)
 
 
 def _module_headline(module: ModuleResult, printed: Printout) -> str:
     held = module.verdict in ("proved", "assumed")
     verdict = printed.paint(PAINTS[module.verdict], module.verdict.upper())
-    verdict += module.whilst if held else ""
+    verdict += module.verdict_note if held else ""
     if held and module.vacuity is not None:  # proved of next to no states
         little = printed.paint("yellow", module.verdict.upper())
-        verdict = f"{little}{module.whilst}, but {module.vacuity.text},"
+        verdict = f"{little}{module.verdict_note}, but {module.vacuity.text},"
     under = f" under {(count := len(module.assumptions))} assumption{'' if count == 1 else 's'}"
     if module.assumed:
         under += f" ({', '.join(module.assumed)} assumed)"
@@ -362,7 +362,7 @@ def _print_table(module: ModuleResult, printed: Printout) -> None:
 
 
 def _detail_lines(module: ModuleResult, printed: Printout) -> list[str]:
-    """Lines for shares of the grid, notes, and where and why something is not proved."""
+    """Lines with shares of the grid, notes, and where and why something is not proved."""
     from soter.verify.claims.results import NO_CORE  # noqa: PLC0415 - what is stored needs none
 
     names = {"core": "K", "free": "R(H)", "lets_ac": "not ttf", "gives_back": "safer"}
@@ -401,7 +401,7 @@ def _failure_lines(name: str, finding: Finding, printed: Printout) -> list[str]:
 # --- as JSON; a list of words has `field` or `field=path.in.record` each, ? and * as in JsonObject
 
 
-def _parameters(report: VerifyReport) -> dict[str, object]:
+def _param_values(report: VerifyReport) -> dict[str, object]:
     return dict(report.coverage.params)
 
 
@@ -413,11 +413,11 @@ def _horizon_s(module: ModuleResult) -> float | None:
     return module.problem.times.horizon_ns / 1e9 if module.problem.kind != "nodes" else None
 
 
-def _needed_s(module: ModuleResult) -> float | None:
+def _needed_horizon_s(module: ModuleResult) -> float | None:
     return module.problem.times.h_star / 1e9 if module.problem.kind != "nodes" else None
 
 
-def _run_lines(finding: Finding) -> list[str]:
+def _refuting_lines(finding: Finding) -> list[str]:
     return [] if finding.counterexample is None else str(finding.counterexample).splitlines()
 
 
@@ -426,7 +426,7 @@ def _run_times(run: LeavingRun) -> list[float]:
 
 
 def _run_states(run: LeavingRun) -> dict[str, list[float]]:
-    """The values along the run, by name of a state."""
+    """By name of a state: its values along the run."""
     return {name: run.states[:, i].tolist() for i, name in enumerate(run.names)}
 
 
@@ -440,7 +440,7 @@ FINDING = JsonObject(
     f"{RESULTS}.Finding",
     "verdict seconds method text hint counts where=regions counterexample=saved run causes tried "
     "cost leaving",
-    {"run": _run_lines},
+    {"run": _refuting_lines},
     verdict=VERDICT,
     where=JsonObject(f"{RESULTS}.Region", "states=ranges parameters*"),
     causes=JsonObject(f"{RESULTS}.Cause", "kind text hint numbers*"),
@@ -457,7 +457,7 @@ VERIFIED = JsonObject(
     "verdict seconds properties=findings cells core_share shares headline vacuous=vacuity "
     "not_rechecked at_the_start notes levels=problem.levels levels_why levels_cost horizon_s "
     "horizon_needed_s recover_s assumptions=assumptions.text assumption_keys=assumptions.key",
-    {"horizon_s": _horizon_s, "horizon_needed_s": _needed_s},
+    {"horizon_s": _horizon_s, "horizon_needed_s": _needed_horizon_s},
     verdict=VERDICT,
     properties=FINDING,
     levels_cost=COST,
@@ -472,7 +472,7 @@ DOCUMENT = JsonObject(
     f"{RESULTS}.VerifyReport",
     "file=path program_sha256 system verdict together seconds modules params also=coverage.also "
     "not_covered=coverage.rest guarantees=coverage.guarantees searches",
-    {"modules": _modules_by_name, "params": _parameters},
+    {"modules": _modules_by_name, "params": _param_values},
     beside={"cert?": str, "report?": str, "written?": list[str]},
     verdict=VERDICT,
     together=VERDICT,

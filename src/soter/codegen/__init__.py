@@ -12,13 +12,13 @@ Figure, returns the mode. In reading order:
 - `externs.py` writes how C or a driver answers an extern, `faults.py` what a system's faults do.
 - `kernel_tables.py` writes the tables that the kernel reads, and what makes the first state.
 - `state_access.py`: `Frame` emits the code around a body: it loads, checks, publishes, commits.
-  `sticky_fault` wraps code that may fault: C keeps the step's first fault, and returns it.
+  `checked_code` is code that may fault, with the check that returns the step's first fault.
   `sure_outputs` are those that a step always publishes; they need no flag. `flag_is_set` is the
   C condition for a flag of the step, such as `SOTER_ENABLED`, under which outputs are published.
 - `body.py`: `Body` translates the expressions and statements of a body from Core to C.
 - `value_locations.py`: its base `Places` says where values lie; `plan_body` begins a body.
-- `storage_plan.py` makes the plan for that: which large temporaries share a place, or point to one.
+- `storage_plan.py` makes the plan of places: which large temporaries share one, or point to one.
 - `c_types.py` makes structs and checks of types, `c_names.py` chooses names.
 - `c_tree.py` has the nodes of the tree of C; `c_printer.py` prints them as text.
-- `conditions.py` finds the conditions of that C, and what its runs show of them.
+- `conditions.py` finds the conditions of that C, and says what its runs show of each.
 """

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 from soter.codegen import c_tree as c
 from soter.codegen.c_names import field_name
 from soter.codegen.c_types import FAULT, aggregate_initializer, int_number
-from soter.codegen.storage_plan import RESULT, has_address, is_still_here
-from soter.codegen.value_locations import LOGICAL, MADE, Places, compared_twice, has_known_result
+from soter.codegen.storage_plan import RESULT, has_address, is_leave_check
+from soter.codegen.value_locations import LOGICAL, MADE, Places, has_known_result, twice_compared
 from soter.core import core
 from soter.core.core import output_name
 from soter.core.layout import scalar
@@ -54,9 +54,9 @@ class StepBranch:
 
 @dataclass
 class BranchChoices:
-    """How a step's choices are drawn; `branches` collects the sides of its `if` statements.
+    """The way to draw a step's choices; `branches` collects the sides of its `if` statements.
 
-    `chance`: the generator draws, as the driver's `answer` is then that of an extern plant.
+    `chance`: choices are random, as the driver's `answer` is not for them (an extern plant).
     """
 
     component: str
@@ -80,35 +80,35 @@ class Body(Places):
     ) -> None:
         super().__init__(types)
         self.functions = functions
-        """Core function name -> C name, may fault."""
+        """By the name of a function in Core: its name in C, and whether it may fault."""
         self.cell = cell
         self.choices: BranchChoices | None = None
         """Set while a step is emitted that a driver may answer."""
-        self._at_odds: list[c.CExpr] | None = None
+        self._compared_twice: list[c.CExpr] | None = None
         """Within a condition: the C of values that it compares with several constants."""
-        self._leave: str | None = None
-        self._leaving: tuple[c.CStmt, ...] = ()
+        self._leave_flag: str | None = None  # of Core: set as a function returns
+        self._return_code: tuple[c.CStmt, ...] = ()
 
-    def out_place(self, output: int) -> c.CExpr:
+    def output_place(self, output: int) -> c.CExpr:
         """The C place of an output's value until the step commits it."""
-        return self.place(output_name(output))
+        return self.place_of(output_name(output))
 
-    def has_flag(self, output: int) -> c.Name:
+    def flag_of(self, output: int) -> c.Name:
         """The C flag that says whether the step has published an output."""
         return c.Name(f"has_{self.outputs[output]}")
 
     # ------------------------------------------------------------ functions
 
     def function_statements(self, f: core.Function, result: core.Expr) -> list[c.CStmt]:
-        """The C statements of a function, which returns the value of `result`."""
-        with self.plan_body(self.planned_function(f, result)):
-            self._leave = f.leave
+        """The C statements of a function that returns the value of `result`."""
+        with self.plan_body(self.function_to_plan(f, result)):
+            self._leave_flag = f.leave
             last = tuple(self._return_statements(f.result_type, result))
-            self._leaving = last if _always_leaves(last) else (*last, c.Return(None))
+            self._return_code = last if _always_returns(last) else (*last, c.Return(None))
             statements = self.translate_block(f.body, result)
-            if not _always_leaves(statements):
+            if not _always_returns(statements):
                 statements += last
-        self._leave, self._leaving = None, ()
+        self._leave_flag, self._return_code = None, ()
         return statements
 
     def _return_statements(self, t: Type, result: core.Expr) -> list[c.CStmt]:
@@ -117,7 +117,7 @@ class Body(Places):
         value = self.expr(result)
         if self.types.work_type(t) in {"bool", "int64_t", "double"}:
             return [c.Return(value)]
-        return [c.Return(self.types.to_store(t, value))]
+        return [c.Return(self.types.as_stored(t, value))]
 
     # ------------------------------------------------------------ expressions
 
@@ -126,7 +126,7 @@ class Body(Places):
         if isinstance(e, core.Const):
             return self.types.named_constant(e.type, e.value, e.name)
         if isinstance(e, core.Var):
-            return c.Name("false") if e.name == self._leave else self.place(e.name)
+            return c.Name("false") if e.name == self._leave_flag else self.place_of(e.name)
         if isinstance(e, core.Get):
             return self._as_operand(e.type, self.cell(e.cell))
         if isinstance(e, core.Fact):
@@ -143,7 +143,7 @@ class Body(Places):
         if isinstance(e, core.Field):
             return self._as_operand(e.type, self._field_access(e))
         if isinstance(e, core.Element):
-            return self._as_operand(e.type, c.IndexExpr(self._items(e.target), self.expr(e.index)))
+            return self._as_operand(e.type, c.IndexExpr(self._array(e.target), self.expr(e.index)))
         if isinstance(e, core.Length):
             return c.Member(self.expr(e.target), "len")
         assert isinstance(e, core.Make)
@@ -157,36 +157,36 @@ class Body(Places):
     def _as_operand(self, t: Type, e: c.CExpr) -> c.CExpr:
         """A stored value as an operand: a `uint32_t` is cast to `int64_t`.
 
-        C widens narrower integers to `int` without harm, but a `uint32_t` would turn the other
-        operand unsigned.
+        C widens narrower integers to `int`, but with a `uint32_t` it would make the other operand
+        unsigned.
         """
         s = scalar(t)
         return c.Cast("int64_t", e) if s is not None and s.c_type == "uint32_t" else e
 
     def _choice_expr(self, e: core.Select) -> c.CExpr:
-        """The C `?:` of a choice; nested ones of an enum, which C makes `int`, are cast back."""
+        """The C `?:` of a choice; nested ones of an enum, which C makes `int`, are cast to it."""
         made = c.Ternary(self.expr(e.condition), self.expr(e.then), self.expr(e.otherwise))
         nested = any(isinstance(x, core.Select) for x in (e.then, e.otherwise))
         return (
-            self.types.to_store(e.type, made) if nested and isinstance(e.type, EnumType) else made
+            self.types.as_stored(e.type, made) if nested and isinstance(e.type, EnumType) else made
         )
 
     def _binary_expr(self, e: core.Binary) -> c.CExpr:
-        outermost = e.op in LOGICAL and self._at_odds is None
+        outermost = e.op in LOGICAL and self._compared_twice is None
         if outermost:
-            self._at_odds = [self.expr(x) for x in compared_twice(e)]
+            self._compared_twice = [self.expr(x) for x in twice_compared(e)]
         left, right = self.expr(e.left), self.expr(e.right)
         if outermost:
-            self._at_odds = None
+            self._compared_twice = None
         if e.op in COMPARISONS and not isinstance(e.left.type, FloatType):
-            left_at_odds, right_at_odds = (x in (self._at_odds or ()) for x in (left, right))
-            if left == right or left_at_odds or has_known_result(e.op, e.left, e.right):
+            left_twice, right_twice = (x in (self._compared_twice or ()) for x in (left, right))
+            if left == right or left_twice or has_known_result(e.op, e.left, e.right):
                 left = c.CallExpr("soter_plain", (left,))
-            if right_at_odds or has_known_result(e.op, e.right, e.left):
+            if right_twice or has_known_result(e.op, e.right, e.left):
                 right = c.CallExpr("soter_plain", (right,))
         return c.Binary(e.op, left, right)
 
-    def _items(self, target: core.Expr) -> c.CExpr:
+    def _array(self, target: core.Expr) -> c.CExpr:
         return c.Member(self.expr(target), "at" if isinstance(target.type, ArrayType) else "items")
 
     def _fact_expr(self, e: core.Fact) -> c.CExpr:
@@ -198,7 +198,7 @@ class Body(Places):
             stamp = c.IndexExpr(c.Arrow(s, "stamps"), c.Number(str(e.index)))
             return c.CallExpr("soter_seconds", (c.Binary("-", ct, stamp),))
         if e.fact == "published":
-            return c.Name("true") if e.index in self.certain else self.has_flag(e.index)
+            return c.Name("true") if e.index in self.certain else self.flag_of(e.index)
         if e.fact == "mode":
             return c.Member(c.IndexExpr(c.Arrow(s, "modules"), c.Number(str(e.index))), "mode")
         enabled = c.Binary("&", c.Name("flags"), c.Name("SOTER_ENABLED"))
@@ -218,10 +218,10 @@ class Body(Places):
         t = e.type
         name = self.types.stored_type(t)
 
-        def part(of: Type, element: core.Expr) -> c.CExpr:
-            return self.types.to_store(of, self.expr(element))
+        def stored_element(element_type: Type, element: core.Expr) -> c.CExpr:
+            return self.types.as_stored(element_type, self.expr(element))
 
-        return aggregate_initializer(t, e.elements, part, name)
+        return aggregate_initializer(t, e.elements, stored_element, name)
 
     # ------------------------------------------------------------ statements
 
@@ -230,7 +230,7 @@ class Body(Places):
 
         A temporary that neither they nor `after` read is marked as unused, against warnings.
         """
-        return list(self._inner(statements, self.names_used((statements, after))))
+        return list(self._c_block(statements, self.names_used((statements, after))))
 
     def translate(self, s: core.Stmt, used: set[str]) -> list[c.CStmt]:
         """The C of one statement; `used`: the temporaries that something reads."""
@@ -254,22 +254,22 @@ class Body(Places):
         if isinstance(s, core.Push):
             return self._translate_push(s)
         if isinstance(s, core.If):
-            if self._leave is not None and is_still_here(s.condition, self._leave):
-                return list(self._inner(s.then, used))
+            if self._leave_flag is not None and is_leave_check(s.condition, self._leave_flag):
+                return list(self._c_block(s.then, used))
             condition = self.expr(s.condition)
-            then = (*self._count_branch(s, taken=True), *self._inner(s.then, used))
-            otherwise = (*self._count_branch(s, taken=False), *self._inner(s.otherwise, used))
+            then = (*self._count_branch(s, taken=True), *self._c_block(s.then, used))
+            otherwise = (*self._count_branch(s, taken=False), *self._c_block(s.otherwise, used))
             return [c.IfStmt(condition, then, otherwise)]
         if isinstance(s, core.Loop):
-            body = self._inner(s.body, used)
+            body = self._c_block(s.body, used)
             return [c.For(self.c_name(s.variable), int_number(s.low), int_number(s.high), body)]
         assert isinstance(s, core.Publish)
         return self._translate_publish(s)
 
     def _translate_publish(self, s: core.Publish) -> list[c.CStmt]:
         certain = s.output in self.certain
-        has = [] if certain else [c.Assign(self.has_flag(s.output), c.Name("true"))]
-        out, root = self.out_place(s.output), output_name(s.output)
+        has = [] if certain else [c.Assign(self.flag_of(s.output), c.Name("true"))]
+        out, root = self.output_place(s.output), output_name(s.output)
         if s.limit is None:
             if self.types.is_large(s.value.type):
                 return [*self.write_into(out, root, s.value.type, s.value), *has]
@@ -278,7 +278,7 @@ class Body(Places):
 
     def _translate_let(self, s: core.Let, used: set[str]) -> list[c.CStmt]:
         t, name = s.value.type, self.c_name(s.name)
-        if s.name == self._leave:
+        if s.name == self._leave_flag:
             return []
         if not self.types.is_large(t):
             declared = self._declaration(s.name, t, self.expr(s.value), const=not s.mutable)
@@ -287,10 +287,10 @@ class Body(Places):
             if id(s) in self.plan.idle:
                 return []
             pointer = f"const {self.types.stored_type(t)} *const "
-            return [c.Declare(pointer, name, c.address(self.expr(s.value))), c.Unused(name)]
+            return [c.Declare(pointer, name, c.address_of(self.expr(s.value))), c.Unused(name)]
         idle = id(s) in self.plan.idle
         if not self.has_place(s.name):
-            return [] if idle else self.write_into(self.place(s.name), s.name, t, s.value)
+            return [] if idle else self.write_into(self.place_of(s.name), s.name, t, s.value)
         if idle:
             empty = c.Declare(self.types.stored_type(t), name, None)
             needed = s.mutable or s.name in self.plan.shared
@@ -304,7 +304,7 @@ class Body(Places):
             declared = self._declaration(s.name, t, self.expr(s.value), const=const)
             return self._with_unused_mark(declared, s.name, used)
         declared = c.Declare(self.types.stored_type(t), name, None)
-        value = self.write_into(self.place(s.name), s.name, t, s.value)
+        value = self.write_into(self.place_of(s.name), s.name, t, s.value)
         return [declared, *value, c.Unused(name)]
 
     def _translate_call(self, s: core.Call, used: set[str]) -> list[c.CStmt]:
@@ -317,28 +317,28 @@ class Body(Places):
             return [*statements, *self._with_unused_mark(made, s.name, used)]
         if self.has_place(s.name):
             statements.append(c.Declare(self.types.stored_type(s.type), self.c_name(s.name), None))
-        target = c.address(self.place(s.name))
+        target = c.address_of(self.place_of(s.name))
         return [*statements, c.Do(c.CallExpr(name, (*arguments, target, *end)))]
 
     def _translate_set(self, s: core.Set) -> list[c.CStmt]:
-        if s.name == self._leave:
-            return list(self._leaving)
+        if s.name == self._leave_flag:
+            return list(self._return_code)
         if id(s) in self.plan.idle:
             return []
         target, t = self._target_place(s.name, s.type, s.path)
         if self.types.is_large(t):
-            return self.write_into(target, s.name, t, s.value) or self._mark_unset(s.name)
+            return self.write_into(target, s.name, t, s.value) or self._unused_mark(s.name)
         value = self.expr(s.value)
         if value == target:
-            return self._mark_unset(s.name)
-        return [c.Assign(target, self.types.to_store(t, value) if s.path else value)]
+            return self._unused_mark(s.name)
+        return [c.Assign(target, self.types.as_stored(t, value) if s.path else value)]
 
-    def _mark_unset(self, name: str) -> list[c.CStmt]:
+    def _unused_mark(self, name: str) -> list[c.CStmt]:
         """In place of `x = x`, a mark that keeps compilers from warning that `x` is unused."""
         return [c.Unused(self.c_name(name))] if self.has_place(name) else []
 
     def _count_branch(self, s: core.If, *, taken: bool) -> list[c.CStmt]:
-        """The C call that counts this side of an `if`; none if nobody wants coverage."""
+        """The C call that counts this side of an `if`; none without coverage."""
         if self.choices is None or self.choices.branches is None:
             return []
         number = c.Number(f"{len(self.choices.branches)}U")
@@ -346,7 +346,7 @@ class Body(Places):
         return [c.Do(c.CallExpr("soter_branch", (c.Name("answer"), FAULT, number)))]
 
     def _translate_choose(self, s: core.Choose) -> c.CStmt:
-        """Declares the value that a driver chooses; after a fault it is the first one."""
+        """Declares the value that a driver chooses; after a fault it is the first alternative."""
         assert self.choices is not None
         header = c.Unary("&", c.Arrow(c.Name("s"), "header"))
         key = stream_key(f"{self.choices.component}.choose")
@@ -366,10 +366,10 @@ class Body(Places):
             value = c.Cast("int64_t", value)
             if s.low != 0:
                 value = c.Binary("+", int_number(s.low), value)
-            value = value if isinstance(s.type, IntType) else self.types.to_store(s.type, value)
+            value = value if isinstance(s.type, IntType) else self.types.as_stored(s.type, value)
         return self._declaration(s.name, s.type, value, const=True)
 
-    def _inner(self, statements: tuple[core.Stmt, ...], used: set[str]) -> tuple[c.CStmt, ...]:
+    def _c_block(self, statements: tuple[core.Stmt, ...], used: set[str]) -> tuple[c.CStmt, ...]:
         return tuple([made for s in statements for made in self.translate(s, used)])
 
     def _declaration(self, name: str, t: Type, value: c.CExpr, *, const: bool) -> c.CStmt:
@@ -390,7 +390,7 @@ class Body(Places):
         return self._declaration(s.name, s.type, call, const=True)
 
     def _index_bound(self, limit: core.Expr) -> c.CExpr:
-        """The bound of an index; for a list its length, at most its capacity, as compilers see."""
+        """The bound of an index; for a list the length, but at most the capacity, for compilers."""
         e = self.expr(limit)
         if not isinstance(limit, core.Length):
             return e
@@ -400,7 +400,7 @@ class Body(Places):
     def _target_place(
         self, name: str, t: Type, path: tuple[int | core.Expr, ...]
     ) -> tuple[c.CExpr, Type]:
-        target = self.place(name)
+        target = self.place_of(name)
         for step in path:
             if isinstance(step, int):
                 assert isinstance(t, RecordType)
@@ -421,8 +421,8 @@ class Body(Places):
     def _append_value(self, target: c.CExpr, t: ListType, e: core.Expr, root: str) -> list[c.CStmt]:
         """Appends a value to a list; a full list raises a capacity fault.
 
-        The C also tests that the length is not negative: a step may compare it with a negative
-        number, and a compiler would then warn of an index that no execution has.
+        The C also tests that the length is not negative: if a step compares it with a negative
+        number, a compiler would warn of a negative index, which no execution has.
         """
         length = c.Member(target, "len")
         end = c.IndexExpr(c.Member(target, "items"), length)
@@ -440,11 +440,11 @@ class Body(Places):
         ]
 
 
-def _always_leaves(block: list[c.CStmt] | tuple[c.CStmt, ...]) -> bool:
-    """Whether a block returns on every path, so that nothing behind it runs."""
+def _always_returns(block: list[c.CStmt] | tuple[c.CStmt, ...]) -> bool:
+    """Whether a block returns on every path, so that no statement after it runs."""
     if not block:
         return False
     last = block[-1]
     if isinstance(last, c.IfStmt):
-        return _always_leaves(last.then) and _always_leaves(last.otherwise)
+        return _always_returns(last.then) and _always_returns(last.otherwise)
     return isinstance(last, c.Return)

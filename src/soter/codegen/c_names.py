@@ -2,7 +2,7 @@
 
 Purpose: keeps the names of the source, but makes them legal and unique, and different from every
 name with a meaning to C, to its headers or to the generated code itself.
-Non-goals: knowing what is named.
+Non-goals: which things have names.
 
 Three name spaces: temporaries (`local`), members of structs (`field_name`), and the file
 (`FileNames`, whose names all begin with the program's prefix).
@@ -88,22 +88,22 @@ WORDS = frozenset((*_WORDS.split(), *_CPP.split()))
 """Words of C and C++, macros of the headers that generated files include and of compilers."""
 TYPES = frozenset((*_TYPES.split(), *_SIZED))
 """Types of those headers."""
-OWN = frozenset(_OWN.split())
+GENERATED = frozenset(_OWN.split())
 """Names that generated functions use themselves."""
 HEADERS = frozenset(_HEADERS.split())
-"""A program with such a name would hide a header behind its own."""
+"""Names of headers: the header of a program with such a name would hide the other."""
 AT_FILE_LEVEL = HEADERS.union(
     _FUNCTIONS.split(),
     (name + kind for name in _MATH.split() for kind in ("", "f", "l")),
     _FIRMWARE.split(),
 )
-"""What the C library and POSIX declare, and parameters that would hide it."""
+"""Names that the C library and POSIX declare, and parameters that would hide a name of the file."""
 
 
 def why_not_linkable(name: str, *, node: bool) -> str:
     """Why generated code cannot call a user's C function of this name; "" if it can.
 
-    `node`: the function has the signature of an extern node, which no function of `math.h` has.
+    `node`: it is bound to an extern node, with a signature that no function of `math.h` has.
     """
     if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) is None:
         return "no function of C can be called so"
@@ -154,10 +154,10 @@ def file_level_name(text: str) -> str:
 
 
 def local_name(text: str, prefix: str) -> str:
-    """The C name of a temporary; different names of Core have different C names."""
+    """The C name of a temporary of Core; different temporaries have different names."""
     name = legal_name(text)
     taken = ("v_", "soter_", "out_", "has_", "drawn_", "given_", "_", prefix + "_")
-    if has_meaning(name) or name in OWN or name.startswith(taken):
+    if has_meaning(name) or name in GENERATED or name.startswith(taken):
         return "v_" + name
     return name
 
@@ -178,7 +178,7 @@ def field_name(text: str) -> str:
     return name
 
 
-class Unique:
+class UniqueNames:
     """Hands out names of one name space, each once."""
 
     def __init__(self, taken: frozenset[str] = frozenset()) -> None:
@@ -203,11 +203,11 @@ class FileNames:
         self._taken = {f"{prefix}_{name}" for name in taken}
 
     def __call__(self, text: str) -> str:
-        """A name made from `text` that nobody has yet; it begins with the prefix, once."""
+        """A new name made from `text`; it begins with the prefix, once."""
         return self.new_family(text, ())
 
     def new_family(self, text: str, endings: tuple[str, ...]) -> str:
-        """A new name that is also free with each of these endings behind it."""
+        """A new name, such that it with each of these endings is new as well."""
         base = legal_name(text)
         if not base.startswith(self.prefix + "_"):
             base = f"{self.prefix}_{base}"

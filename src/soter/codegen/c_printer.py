@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 WIDTH = 100
 ROW_BYTES = 512
-"""Bytes of a table in one string; C99 promises that a string may have 4095."""
+"""Bytes of a table in one string; in C99 a string may always have 4095."""
 QUIET_ROWS = (
     "#if defined __clang__ ? __clang_major__ >= 21 : __GNUC__ >= 15",
     '#pragma GCC diagnostic ignored "-Wunterminated-string-initialization"',
@@ -197,7 +197,7 @@ def wrapped_lines(line: str, depth: int) -> Iterator[str]:
 
 
 def _break_place(begin: str, line: str, at: int) -> int:
-    """The place in `line` to wrap the text `begin` + `line[at:]`; -1 if there is none."""
+    """The place in `line` at which to wrap `begin` + `line[at:]`; -1 if there is none."""
     size = 2 * WIDTH
     while True:
         cut, sure = _last_space(begin + line[at : at + size])
@@ -209,7 +209,7 @@ def _break_place(begin: str, line: str, at: int) -> int:
 def _last_space(line: str) -> tuple[int, bool]:
     """The last space before WIDTH, behind the indent and outside of strings; -1 for none.
 
-    The second value says whether that holds whatever follows `line`.
+    The second value says whether that stays so whatever follows `line`.
     """
     start = len(line) - len(line.lstrip()) + 8
     inside, best = False, -1

@@ -300,7 +300,7 @@ class VariableDef(CTop):
 
 @node()
 class TableDef(CTop):
-    """A static const union of a value and its bytes: a table, by which compilers are not slowed."""
+    """A table as a static const union of a value and its bytes, which compilers read fast."""
 
     type: str
     name: str
@@ -309,12 +309,12 @@ class TableDef(CTop):
     """Whether its elements are single bytes, which lie alike on every processor."""
 
 
-def address(e: CExpr) -> CExpr:
+def address_of(e: CExpr) -> CExpr:
     """The C of the address of `e`: `p` for `*p`, a choice of two for `c ? a : b`, else `&e`."""
     if isinstance(e, Unary) and e.op == "*":
         return e.operand
     if isinstance(e, Ternary):
-        return Ternary(e.condition, address(e.then), address(e.otherwise))
+        return Ternary(e.condition, address_of(e.then), address_of(e.otherwise))
     return Unary("&", e)
 
 
@@ -322,7 +322,7 @@ _NAME = re.compile(r"[A-Za-z_]\w*")
 
 
 def names_read(root: object) -> Iterator[str]:
-    """Yields the names that a piece of C reads, in order, not those that it only assigns to."""
+    """Yields the names that a piece of C reads, in order, without those that it only assigns."""
     stack = [root]
     while stack:
         node = stack.pop()
@@ -350,53 +350,53 @@ class CFile(Node):
     items: tuple[CTop, ...] = field(default=())
 
 
-WHOLE = "int64_t"
+INT64 = "int64_t"
 
 
 def without_branches(f: FunctionDef) -> FunctionDef:
     """The function with bit masks for each `if` whose sides assign one int64_t each."""
     if f.body is None:
         return f
-    whole = {s.name for s in _all_in(f.body) if isinstance(s, Declare) and s.type == WHOLE}
-    return replace(f, body=tuple(_MaskRewriter(whole).block(f.body)))
+    names = {s.name for s in _statements_in(f.body) if isinstance(s, Declare) and s.type == INT64}
+    return replace(f, body=tuple(_MaskRewriter(names).rewritten_block(f.body)))
 
 
-def _all_in(block: tuple[CStmt, ...]) -> Iterator[CStmt]:
+def _statements_in(block: tuple[CStmt, ...]) -> Iterator[CStmt]:
     for s in block:
         yield s
         if isinstance(s, For):
-            yield from _all_in(s.body)
+            yield from _statements_in(s.body)
         elif isinstance(s, IfStmt):
-            yield from _all_in((*s.then, *s.otherwise))
+            yield from _statements_in((*s.then, *s.otherwise))
 
 
 class _MaskRewriter:
     """Puts masks in the place of `if` statements, and numbers the masks of one function."""
 
-    def __init__(self, whole: set[str]) -> None:
-        self._whole = whole
+    def __init__(self, int64_names: set[str]) -> None:
+        self._int64_names = int64_names
         self._count = 0
 
-    def block(self, block: tuple[CStmt, ...]) -> Iterator[CStmt]:
+    def rewritten_block(self, block: tuple[CStmt, ...]) -> Iterator[CStmt]:
         """Yields the statements of a block, with masks for each `if` that allows them."""
         for s in block:
             if isinstance(s, For):
-                yield replace(s, body=tuple(self.block(s.body)))
+                yield replace(s, body=tuple(self.rewritten_block(s.body)))
             elif isinstance(s, IfStmt):
-                yield from self._masked(s)
+                yield from self._with_masks(s)
             else:
                 yield s
 
-    def _masked(self, s: IfStmt) -> Iterator[CStmt]:
+    def _with_masks(self, s: IfStmt) -> Iterator[CStmt]:
         then, otherwise = self._sole_assignment(s.then), self._sole_assignment(s.otherwise)
         if then is None or otherwise is None:
-            sides = (tuple(self.block(side)) for side in (s.then, s.otherwise))
+            sides = (tuple(self.rewritten_block(side)) for side in (s.then, s.otherwise))
             yield IfStmt(s.condition, *sides)
             return
         self._count += 1
         on = Name(f"given_mask_{self._count}")
         off = Unary("~", on)
-        yield Declare(WHOLE, on.text, Unary("-", Cast(WHOLE, s.condition)), const=True)
+        yield Declare(INT64, on.text, Unary("-", Cast(INT64, s.condition)), const=True)
         for side, chosen_here, elsewhere in ((then, on, off), (otherwise, off, on)):
             taken, left = Binary("&", side.value, chosen_here), Binary("&", side.target, elsewhere)
             yield Assign(side.target, Binary("|", taken, left))
@@ -407,4 +407,4 @@ class _MaskRewriter:
         if more or not isinstance(made, Assign):
             return None
         names = [x for x in (made.target, made.value) if isinstance(x, Name)]
-        return made if len(names) == 2 and {x.text for x in names} <= self._whole else None
+        return made if len(names) == 2 and {x.text for x in names} <= self._int64_names else None

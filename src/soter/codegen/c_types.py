@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 FAULT = c.Name("fault")
 LARGE = 64
-"""Values of more bytes are passed by address; a function that returns one is told where to."""
+"""Values of more bytes are passed by address; for such a result the caller passes the place."""
 
 
 class TypeTable:
@@ -57,7 +57,7 @@ class TypeTable:
     # ------------------------------------------------------------ types
 
     def work_type(self, t: Type) -> str:
-        """The C type of a temporary of type `t`."""
+        """The C type of a temporary that holds a value of type `t`."""
         if isinstance(t, FloatType):
             return "double"
         if isinstance(t, BoolType):
@@ -113,7 +113,7 @@ class TypeTable:
     # ------------------------------------------------------------ values
 
     def constant(self, t: Type, value: Value, name: str | None = None) -> c.CExpr:
-        """The C of a constant; one that is no scalar becomes a static object, once."""
+        """The C of a constant; one that is no scalar is defined once, as a static object."""
         if scalar(t) is not None:
             return scalar_constant(t, value)
         key = (t, repr(value))
@@ -134,7 +134,7 @@ class TypeTable:
         return c.Member(c.Name(known), "value") if isinstance(value, Table) else c.Name(known)
 
     def named_constant(self, t: Type, value: Value, name: str | None) -> c.CExpr:
-        """As `constant`, but a number keeps its name in the source: `#define cart_WALL 10.0`."""
+        """The C of a constant; a number keeps its name in the source: `#define cart_WALL 10.0`."""
         number = self.constant(t, value, name)
         if name is None or not isinstance(number, c.Number):
             return number
@@ -158,7 +158,7 @@ class TypeTable:
             return scalar_constant(t, default_value(t))
         return self.constant(t, default_value(t), "default")
 
-    def to_store(self, t: Type, e: c.CExpr) -> c.CExpr:
+    def as_stored(self, t: Type, e: c.CExpr) -> c.CExpr:
         """The value of a temporary, cast to the type that it has in memory."""
         s = scalar(t)
         if s is None or s.c_type in {"double", "int64_t"} or isinstance(e, c.Number):
@@ -172,7 +172,7 @@ class TypeTable:
     # ------------------------------------------------------------ canonical form
 
     def commit_value(self, target: c.CExpr, t: Type, e: c.CExpr) -> list[c.CStmt]:
-        """Assigns a value to a place in the state, every NaN of it in the one form."""
+        """Assigns a value to a place in the state, with every NaN of it in the one form."""
         if scalar(t) is not None:
             return [c.Assign(target, self._canonical_scalar(t, e))]
         return [c.Assign(target, e), *self._make_canonical(t, target)]
@@ -180,7 +180,7 @@ class TypeTable:
     def _canonical_scalar(self, t: Type, e: c.CExpr) -> c.CExpr:
         if isinstance(t, FloatType):
             return c.CallExpr("soter_canonical", (e,))
-        return self.to_store(t, e)
+        return self.as_stored(t, e)
 
     def _make_canonical(self, t: Type, e: c.CExpr) -> list[c.CStmt]:
         """Statements that give every NaN of a stored value the one form."""
@@ -188,7 +188,7 @@ class TypeTable:
             return [c.Assign(e, self._canonical_scalar(t, e))]
         if not any(isinstance(leaf, FloatType) for _, leaf in leaves(t)):
             return []
-        return [c.Do(c.CallExpr(self._canonical_function(t), (c.address(e),)))]
+        return [c.Do(c.CallExpr(self._canonical_function(t), (c.address_of(e),)))]
 
     def _canonical_function(self, t: Type) -> str:
         known = self._canonical.get(t)
@@ -245,7 +245,7 @@ class TypeTable:
         ):
             return []
         function = self._check_function(t, bounds)
-        return [c.Do(c.CallExpr(function, (c.address(e), FAULT)))]
+        return [c.Do(c.CallExpr(function, (c.address_of(e), FAULT)))]
 
     def _check_function(self, t: Type, bounds: tuple[Bound | None, ...]) -> str:
         key = (t, bounds)

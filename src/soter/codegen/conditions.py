@@ -1,11 +1,11 @@
-"""The conditions of generated C: where each stands, and what runs of that C show of it.
+"""The conditions of generated C: the line of each, and what runs of that C show of it.
 
 Purpose: a *decision* is a whole truth value that the C computes: what an `if`, `? :` or guard asks,
 or what a comparison, `!`, `&&` or `||` gives; its *conditions* are what `&&`, `||` and `!` join.
 `conditions_of` finds them with their lines. Inside `watching` every unit is generated with counters
-of its own; `unshown` reads what its runs did. Modified condition/decision coverage (MC/DC) as clang
-counts it: two evaluations whose outcomes differ, and of the conditions that both evaluated this one
-alone differs.
+of its own; `why_unshown` reads what its runs did. A condition is shown as in the modified
+condition/decision coverage (MC/DC) of clang: by two evaluations whose outcomes differ, and of the
+conditions that both evaluated this one alone differs.
 Non-goals: the C of the run-time and of users (`bench/c_code/c_coverage.py`); bounds of loops, which
 the program fixes; C with counters in anything that ships.
 """
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 LOGIC = {"&&", "||"}
 CONDITIONS_MAX, VECTORS_MAX = 31, 64
-"""Conditions of a decision, and evaluations that differ; of what is beyond nothing is shown."""
+"""The most conditions of a decision, and different evaluations; beyond these nothing is shown."""
 _Vectors = ctypes.c_uint64 * VECTORS_MAX
 COUNTERS = """
 uint64_t traced_vectors[{n}][{most}];
@@ -65,7 +65,7 @@ _WATCHED: ContextVar[list[tuple[tuple[Decision, ...], Path]] | None] = ContextVa
 class Condition:
     """A condition: its function, the line of the C, and the texts of decision and condition.
 
-    `of`: what the function is, with its line of the program; `key`: the same in every unit of it.
+    `of`: the function's comment, with its line of the program; `key`: the same in every unit.
     """
 
     function: str
@@ -81,8 +81,8 @@ def functions_of(file: c.CFile) -> dict[str, c.FunctionDef]:
     return {f.name: f for f in file.items if isinstance(f, c.FunctionDef) and f.body is not None}
 
 
-def callees(functions: dict[str, c.FunctionDef], roots: Sequence[str]) -> set[str]:
-    """The functions that these functions call, directly or through others, and themselves."""
+def functions_called(functions: dict[str, c.FunctionDef], roots: Sequence[str]) -> set[str]:
+    """The functions `roots`, and those that they call, directly or through others."""
     found: set[str] = set()
     left = [name for name in roots if name in functions]
     while left:
@@ -151,7 +151,7 @@ class _Counting:
     def __init__(self, function: str, made: list[Decision]) -> None:
         self.function, self.made, self.first = function, made, len(made)
 
-    def body(self, f: c.FunctionDef) -> c.FunctionDef:
+    def watched(self, f: c.FunctionDef) -> c.FunctionDef:
         """The function with local counters, as it may run in several threads."""
         body = self.with_counters(f.body)
         numbers = range(self.first, len(self.made))
@@ -163,22 +163,22 @@ class _Counting:
         if isinstance(node, tuple):
             return tuple(map(self.with_counters, node))
         if isinstance(node, c.IfStmt):
-            asked = self.count_decision(node.condition)
+            asked = self.counted_decision(node.condition)
             return c.IfStmt(
                 asked, self.with_counters(node.then), self.with_counters(node.otherwise)
             )
         if isinstance(node, c.Ternary):
-            asked = self.count_decision(node.condition)
+            asked = self.counted_decision(node.condition)
             return c.Ternary(
                 asked, self.with_counters(node.then), self.with_counters(node.otherwise)
             )
         if _is_logic(node) or (isinstance(node, c.Binary) and node.op in COMPARISONS):
-            return self.count_decision(node)
+            return self.counted_decision(node)
         if isinstance(node, (c.CExpr, c.CStmt)) and not isinstance(node, c.Name):
             return type(node)(*map(self.with_counters, field_values(node)))
         return node
 
-    def count_decision(self, e: c.CExpr) -> c.CExpr:
+    def counted_decision(self, e: c.CExpr) -> c.CExpr:
         """The decision, with calls that count it and its conditions."""
         number = len(self.made)
         self.made.append((self.function, e))
@@ -198,7 +198,7 @@ class _Counting:
         return c.CallExpr("soter_outcome", (seen, c.Number(f"{number}U"), counted(e)))
 
     def _count_inside(self, x: c.CExpr) -> c.CExpr:
-        """The condition, with calls that count decisions inside it, as in an argument."""
+        """The condition, with calls that count the decisions inside it, such as in an argument."""
         if isinstance(x, c.Binary):
             return c.Binary(x.op, self.with_counters(x.left), self.with_counters(x.right))
         made: c.CExpr = self.with_counters(x)
@@ -214,7 +214,7 @@ def _counter_name(number: int) -> str:
 
 @contextmanager
 def watching() -> Iterator[Callable[[], dict[tuple[str, str], set[Vector]]]]:
-    """Counts conditions of C generated in this block; the function tells what its runs showed."""
+    """Counts conditions of C generated in this block; the function gives all evaluations so far."""
     libraries: list[tuple[tuple[Decision, ...], Path]] = []
     token = _WATCHED.set(libraries)
     try:
@@ -224,12 +224,12 @@ def watching() -> Iterator[Callable[[], dict[tuple[str, str], set[Vector]]]]:
 
 
 def print_with_counters(file: c.CFile, include: str) -> tuple[str, tuple[Decision, ...]]:
-    """The printed file, and the decisions that it counts: with counters only inside `watching`."""
+    """The printed file, and the decisions that it counts; without counters outside `watching`."""
     if _WATCHED.get() is None:
         return print_file(file), ()
     made: list[Decision] = []
     items = tuple(
-        _Counting(x.name, made).body(x) if isinstance(x, c.FunctionDef) and x.body else x
+        _Counting(x.name, made).watched(x) if isinstance(x, c.FunctionDef) and x.body else x
         for x in file.items
     )
     text = COUNTERS.format(n=max(len(made), 1), most=VECTORS_MAX)
@@ -270,8 +270,8 @@ def _shown_evaluations(
     return found
 
 
-def unshown(vectors: set[Vector], condition: int) -> str:
-    """What runs do not show of a condition; "" if they show that it decides by itself (MC/DC)."""
+def why_unshown(vectors: set[Vector], condition: int) -> str:
+    """Why runs do not show that a condition decides by itself (MC/DC), in words; "" if they do."""
     bit = 1 << condition
     values = {bool(true & bit) for seen, true, _ in vectors if seen & bit}
     if len(values) < 2:

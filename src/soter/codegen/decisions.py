@@ -15,7 +15,7 @@ from soter.codegen.c_types import float_number, int_number
 from soter.codegen.state_access import CT, OK, S, place_text, stamp_place
 from soter.codegen.storage_plan import PlannedBody
 from soter.core import core
-from soter.language.model.read_together import apart_at_most
+from soter.language.model.read_together import allowed_stamp_differences
 from soter.language.model.typed import TypedUnary
 
 if TYPE_CHECKING:
@@ -88,20 +88,20 @@ def decision_functions(frame: Frame, decision: core.Decision, name: str) -> list
 def _stale_condition(system: System, module: Module) -> c.CExpr:
     """The C condition that an input is too old, or that two are too far apart in time."""
 
-    def after(one: c.CExpr, other: c.CExpr, most: int) -> c.CExpr:
+    def is_later_by(one: c.CExpr, other: c.CExpr, most: int) -> c.CExpr:
         return c.Binary(">", c.Binary("-", one, other), int_number(most))
 
     stamps = {i: stamp_place(i) for i in module.inputs}
     ages = {i: system.topics[i].max_age_ns for i in module.inputs}
-    stale = [after(CT, stamps[i], age) for i, age in ages.items() if age is not None]
-    for i, j, most in apart_at_most(system, module.inputs):
-        apart = (after(stamps[i], stamps[j], most), after(stamps[j], stamps[i], most))
+    stale = [is_later_by(CT, stamps[i], age) for i, age in ages.items() if age is not None]
+    for i, j, most in allowed_stamp_differences(system, module.inputs):
+        apart = [is_later_by(stamps[a], stamps[b], most) for a, b in ((i, j), (j, i))]
         stale += apart if most else [c.Binary("!=", stamps[i], stamps[j])]
     return reduce(partial(c.Binary, "||"), stale) if stale else c.Name("false")
 
 
 def _is_ttf_not_safer(module: Module) -> bool:
-    """Whether `ttf` is `!safer`, so that C computes only one of the two, which may be slow."""
+    """Whether `ttf` is `!safer`, so that C computes only one of the two, as both may be slow."""
     ttf, safer = module.symbol.ttf, module.symbol.safer
     return isinstance(ttf, TypedUnary) and ttf.op == "!" and ttf.operand is safer
 
@@ -135,11 +135,11 @@ def _compute_predicates(
     return body
 
 
-def _find_good_plan(frame: Frame, module: Module, asked: list[c.CExpr]) -> list[c.CStmt]:
-    """Looks for a plan for which the estimate is good, the last one first; else `ttf` is true."""
+def _find_good_plan(frame: Frame, module: Module, calls: list[c.CExpr]) -> list[c.CStmt]:
+    """Looks for a plan whose call is true, that of the last verdict first; else `ttf` is true."""
     assert module.plan is not None
     last, plan, ttf = c.Name("last"), c.Name("plan"), c.Name("ttf")
-    numbers = [int_number(k) for k in range(len(asked))]
+    numbers = [int_number(k) for k in range(len(calls))]
     body: list[c.CStmt] = [
         c.Declare("int64_t", "last", frame.topic_place(module.plan), const=True),
         c.Declare("int64_t", "plan", last),
@@ -147,7 +147,7 @@ def _find_good_plan(frame: Frame, module: Module, asked: list[c.CExpr]) -> list[
     ]
     for op, every in (("==", "the plan of the last verdict AC"), ("!=", "every other one")):
         body.append(c.Comment(every))
-        for number, good in zip(numbers, asked, strict=True):
+        for number, good in zip(numbers, calls, strict=True):
             due = c.Binary("&&", ttf, c.Binary(op, last, number))
             found = c.Assign(ttf, c.Unary("!", good)), c.Assign(plan, number)
             body.append(c.IfStmt(due, found))
@@ -163,7 +163,7 @@ def _store_plan(frame: Frame, module: Module) -> list[c.CStmt]:
 
 
 def _return_mode(frame: Frame, module: Module, facts: tuple[c.CExpr, ...]) -> list[c.CStmt]:
-    """Returns the mode after the step; a latch, which is updated, may keep SC in control."""
+    """Returns the mode after the step, and updates a latch, which may keep SC in control."""
     switch = f"{frame.prefix}_switch"
     chosen = _store_plan(frame, module)
     if module.latch is None and not chosen:
@@ -204,7 +204,7 @@ def _return_mode(frame: Frame, module: Module, facts: tuple[c.CExpr, ...]) -> li
 
 
 def _store_look(frame: Frame, module: Module) -> list[c.CStmt]:
-    """Stores what `margin` is computed from: `Module.looks_left` and the time of this step."""
+    """Stores the values from which `margin` is computed: looks left, and the time of this step."""
     if module.looked is None:
         return []
     unsafe: c.CExpr = c.Name("ttf")
@@ -258,7 +258,7 @@ def _state_function(
 
 
 def _note_nan(p: core.Predicate) -> list[c.CStmt]:
-    """Sets `nan_seen` after a NONFINITE fault, which in a predicate only a compared NaN raises."""
+    """Sets `nan_seen` after a NONFINITE fault; in a predicate only a compared NaN raises one."""
     if not p.maybe_nan:
         return []
     was = c.Binary("==", c.Name("status"), c.Name("SOTER_NONFINITE"))

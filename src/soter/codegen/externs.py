@@ -1,4 +1,4 @@
-"""The C interface of externs: what they read, and how their answers are cleaned.
+"""The C interface of externs: the data that they read, and how their answers are cleaned.
 
 Purpose: structs of inputs and answers, prototypes of linked C functions, and functions that call
 them. An enum, int or length outside its type raises the step fault `extern`; bools become 0 or 1,
@@ -70,7 +70,7 @@ def struct_def(
 
 
 def extern_declarations(frame: Frame, core: CoreSystem, names: dict[int, str]) -> list[c.CTop]:
-    """The C declarations of what externs read and answer, and of linked functions."""
+    """The C structs that externs read and answer, and the prototypes of linked functions."""
     declarations: list[c.CTop] = []
     for x in frame.system.components:
         if not x.extern:
@@ -141,7 +141,6 @@ def node_caller(x: Component, name: str) -> c.FunctionDef:
 
 
 def _function_prototype(frame: Frame, f: Function) -> c.FunctionDef:
-    """The prototype of the linked C function of an extern function."""
     return c.FunctionDef(
         frame.types.work_type(f.result_type),
         linked_symbol(f.source or ""),
@@ -158,7 +157,7 @@ def is_linked(f: Function) -> bool:
 
 
 def linked_bindings(frame: Frame, core: CoreSystem) -> Iterator[tuple[str, Span, bool]]:
-    """Yields each binding to C, where it is declared, and whether a node has it."""
+    """Yields each binding to C, its place in the source, and whether it is that of a node."""
     for x in frame.system.components:
         if x.extern and x.node is not None and (x.binding or "").startswith("c:"):
             assert x.binding is not None
@@ -182,9 +181,9 @@ def _function_parameters(frame: Frame, f: Function) -> tuple[tuple[str, str], ..
 def caller_of_symbol(
     result: str, name: str, symbol: str, parameters: tuple[tuple[str, str], ...]
 ) -> c.FunctionDef:
-    """A function that only calls `symbol`, so that no name in scope hides it.
+    """A function that only calls `symbol`, so that no name in its scope hides `symbol`.
 
-    The user chose `symbol`: it may be `answer`, which is also a parameter of steps.
+    The user chose that name: it may be `answer`, which is also a parameter of steps.
     """
     renamed = tuple((t, f"{n}_" if n == symbol else n) for t, n in parameters)
     call = c.CallExpr(symbol, tuple(c.Name(n) for _, n in renamed))
@@ -196,7 +195,7 @@ ZERO = c.Number("0")
 
 
 def clean_answer(t: Type, e: c.CExpr, depth: int = 0) -> list[c.CStmt]:
-    """Statements that turn stored bytes `e` into a value of type `t`, or raise fault `extern`."""
+    """Statements that make stored bytes `e` a value of type `t`, or raise the fault `extern`."""
     if isinstance(t, BoolType):
         return [c.Assign(e, c.Ternary(c.Binary("!=", e, ZERO), c.Number("1"), ZERO))]
     if isinstance(t, EnumType):
@@ -216,46 +215,49 @@ def clean_answer(t: Type, e: c.CExpr, depth: int = 0) -> list[c.CStmt]:
     return []
 
 
-def to_ends(t: Type, bounds: Sequence[Bound | None], e: c.CExpr, depth: int = 0) -> list[c.CStmt]:
+def move_to_ends(
+    t: Type, bounds: Sequence[Bound | None], e: c.CExpr, depth: int = 0
+) -> list[c.CStmt]:
     """Statements that move floats which float32 has rounded beyond an end of their set to that end.
 
     `bounds` has one for each leaf of `t`. An end that float32 keeps or rounds inward needs none.
     """
     if isinstance(t, FloatType):
-        return [] if bounds[0] is None else _float_to_ends(bounds[0], e)
+        return [] if bounds[0] is None else _move_float_to_ends(bounds[0], e)
     if isinstance(t, RecordType):
         statements: list[c.CStmt] = []
         rest = iter(bounds)
         for name, field in t.fields:
             part = list(islice(rest, sum(1 for _ in leaves(field))))
-            statements += to_ends(field, part, c.Member(e, field_name(name)), depth)
+            statements += move_to_ends(field, part, c.Member(e, field_name(name)), depth)
         return statements
     counter = c.Name(f"k{depth}")
     if isinstance(t, ListType):
         item = c.IndexExpr(c.Member(e, "items"), counter)
-        inner = to_ends(t.element, bounds, item, depth + 1)
+        inner = move_to_ends(t.element, bounds, item, depth + 1)
         return [c.For(counter.text, ZERO, c.Member(e, "len"), tuple(inner))] if inner else []
-    return _array_to_ends(t, bounds, e, depth) if isinstance(t, ArrayType) else []
+    return _move_array_to_ends(t, bounds, e, depth) if isinstance(t, ArrayType) else []
 
 
-def _array_to_ends(
+def _move_array_to_ends(
     t: ArrayType, bounds: Sequence[Bound | None], e: c.CExpr, depth: int
 ) -> list[c.CStmt]:
-    """`to_ends` for an array: a loop if all elements have the same bounds, else one by one."""
+    """`move_to_ends` for an array: a loop if all elements have the same bounds, else one by one."""
     size = sum(1 for _ in leaves(t.element))
     groups = [tuple(bounds[k * size : (k + 1) * size]) for k in range(t.size)]
     at = c.Member(e, "at")
     if len(set(groups)) == 1:
         counter = c.Name(f"k{depth}")
-        inner = to_ends(t.element, groups[0], c.IndexExpr(at, counter), depth + 1)
+        inner = move_to_ends(t.element, groups[0], c.IndexExpr(at, counter), depth + 1)
         return [c.For(counter.text, ZERO, c.Number(str(t.size)), tuple(inner))] if inner else []
     each = [c.IndexExpr(at, c.Number(str(k))) for k in range(t.size)]
-    return [x for g, part in zip(groups, each, strict=True) for x in to_ends(t.element, g, part)]
+    pairs = zip(groups, each, strict=True)
+    return [x for g, part in pairs for x in move_to_ends(t.element, g, part)]
 
 
-def _float_to_ends(bound: Bound, e: c.CExpr) -> list[c.CStmt]:
+def _move_float_to_ends(bound: Bound, e: c.CExpr) -> list[c.CStmt]:
     statements: list[c.CStmt] = []
-    for end, single in zip((bound.low, bound.high), bound.singles, strict=True):
+    for end, single in zip((bound.low, bound.high), bound.float32_ends, strict=True):
         if single != end:
             least, most = sorted((end, single))
             from_ = c.Binary(">=", e, float_number(least))

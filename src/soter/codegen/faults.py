@@ -1,7 +1,7 @@
 """Faults of a run, in generated C.
 
 Purpose: the tables of a system's faults, and functions that move releases, change publications and
-disturbances, and choose which node steps next (`runtime/soter_faults.h` has what they share).
+disturbances, and choose which node steps next (they share `runtime/soter_faults.h`).
 Non-goals: which faults a system has (`language/elaborate/faults.py`).
 """
 
@@ -25,9 +25,9 @@ if TYPE_CHECKING:
     from soter.language.model.types import Type
 
 LEAVES = 256
-"""Indices of the stream of amounts that belong to one slot, or to one step."""
+"""How many indices of the stream of amounts belong to one slot, or to one step."""
 ORDERS = 64
-"""Indices of the stream of orders that belong to one instant (`semantics/faults.py`)."""
+"""How many indices of the stream of orders belong to one instant (`semantics/faults.py`)."""
 SLOT, TIME = c.Name("slot"), c.Name("t")
 
 
@@ -56,7 +56,7 @@ def fault_definitions(frame: Frame, names: Mapping[int, str]) -> list[c.CTop]:
         if _is_lateness(f):
             times = c.Initializer(tuple((None, int_number(int(x))) for x in f.amount))
             declarations.append(c.VariableDef("int64_t", _lateness(frame, i), times, array=True))
-    moved = sorted({f.component for f in frame.system.faults if f.of_time})
+    moved = sorted({f.component for f in frame.system.faults if f.changes_releases})
     declarations += [_release_time(frame, frame.system.components[k], names) for k in moved]
     lasting = sorted({f.component for f in frame.system.faults if f.kind == "overrun"})
     declarations += [
@@ -85,7 +85,7 @@ def _fault_call(frame: Frame, number: int, function: str, *more: c.CExpr) -> c.C
 
 
 def _release_time(frame: Frame, component: Component, names: Mapping[int, str]) -> c.FunctionDef:
-    """The C function of when a release of `component` happens; SOTER_NEVER if it is lost."""
+    """The C function that gives the time of a component's release; SOTER_NEVER if it is lost."""
     nominal, release = c.Name("nominal"), c.Name("release")
     period = int_number(component.period_ns)
     since = c.Binary("*", release, period)
@@ -95,15 +95,15 @@ def _release_time(frame: Frame, component: Component, names: Mapping[int, str]) 
     every = c.Name("SOTER_ON_TIME")
     last = c.Binary("-", every, c.Number("1"))
     on_time = c.Binary("==", c.Binary("%", release, every), last)
-    mine = [(i, f) for i, f in enumerate(frame.system.faults) if f.of_time]
-    mine = [(i, f) for i, f in mine if f.component == component.index]
+    faults = [(i, f) for i, f in enumerate(frame.system.faults) if f.changes_releases]
+    faults = [(i, f) for i, f in faults if f.component == component.index]
     body: list[c.CStmt] = [
-        *([frame.state_pointer(const=True)] if any(f.on is None for _, f in mine) else []),
+        *([frame.state_pointer(const=True)] if any(f.on is None for _, f in faults) else []),
         c.Declare("int64_t", "nominal", since, const=True),
         c.Declare("int64_t", "t", nominal),
         c.IfStmt(on_time, (c.Return(nominal),)),
     ]
-    for i, f in mine:
+    for i, f in faults:
         if f.on is not None:
             body += _wait_for(frame.system.components[f.on], names[f.on])
         elif f.kind == "skip":
@@ -125,7 +125,7 @@ def _release_time(frame: Frame, component: Component, names: Mapping[int, str]) 
 
 
 def _wait_for(other: Component, name: str) -> list[c.CStmt]:
-    """Moves `t` to no earlier than `other`'s last release up to the same nominal time."""
+    """Delays `t` until the last release of `other` whose nominal time is no later."""
     phase, period, since = int_number(other.phase_ns), int_number(other.period_ns), c.Name("since")
     happens = c.CallExpr(f"{name}_happens", (c.Name("state"), c.Binary("/", since, period)))
     since_then = c.Binary(">=", since, c.Number("0"))
@@ -138,7 +138,7 @@ def _wait_for(other: Component, name: str) -> list[c.CStmt]:
 
 
 def _overrun_function(frame: Frame, component: Component, name: str) -> c.FunctionDef:
-    """The C function that gives how many ns longer a step takes if it begins now."""
+    """The C function that gives by how many ns a step that begins now takes longer."""
     longer, period = c.Name("longer"), int_number(component.period_ns)
     body: list[c.CStmt] = [
         frame.state_pointer(const=True),
@@ -184,42 +184,42 @@ def disturb(frame: Frame, component: Component, outputs: tuple[core.Output, ...]
             continue
         k = places[f.topic]
         active = _fault_call(frame, i, "soter_fault_active", CT, period)
-        done: list[c.CStmt]
+        changes: list[c.CStmt]
         if f.kind == "silent":
-            done = [c.Assign(frame.body.has_flag(k), c.Name("false"))]
+            changes = [c.Assign(frame.body.flag_of(k), c.Name("false"))]
             if component.plant is not None:  # a sensor speaks at its first release
                 active = c.Binary("&&", active, c.Unary("!", c.Name("first")))
         else:
             slot = _fault_call(frame, i, "soter_fault_slot", CT, period)
-            done = [c.Declare("int64_t", "slot", slot, const=True), c.Unused("slot")]
+            changes = [c.Declare("int64_t", "slot", slot, const=True), c.Unused("slot")]
             bounds = frame.system.topics[f.topic].bounds
             kinds = [t for _, t in leaves(outputs[k].type)]
             for leaf in f.leaves:
-                target = leaf_place(frame.body.out_place(k), outputs[k].type, leaf)
+                target = leaf_place(frame.body.output_place(k), outputs[k].type, leaf)
                 now = leaf_place(frame.topic_place(f.topic), outputs[k].type, leaf)
                 is_float, bound = isinstance(kinds[leaf], FloatType), bounds[leaf]
                 new = _faulty_leaf(frame, (i, leaf), f, (target, now), bound, is_float=is_float)
-                done.append(c.Assign(target, new))
+                changes.append(c.Assign(target, new))
                 if component.plant is not None and bound is not None and is_float:
-                    done.append(c.Assign(target, _clip(target, bound)))
+                    changes.append(c.Assign(target, _clipped(target, bound)))
         applies = (
-            active if k in frame.body.certain else c.Binary("&&", frame.body.has_flag(k), active)
+            active if k in frame.body.certain else c.Binary("&&", frame.body.flag_of(k), active)
         )
-        statements.append(c.IfStmt(applies, tuple(done)))
+        statements.append(c.IfStmt(applies, tuple(changes)))
     return statements
 
 
 def _faulty_leaf(
     frame: Frame,
-    which: tuple[int, int],
+    fault_and_leaf: tuple[int, int],
     f: Fault,
     values: tuple[c.CExpr, c.CExpr],
     bound: Bound | None,
     *,
     is_float: bool,
 ) -> c.CExpr:
-    """A leaf's new value; `which`: fault, leaf; `values`: of the output, of the topic so far."""
-    i, leaf = which
+    """The C of a leaf's new value; `values`: the C of the output's, and of the topic's so far."""
+    i, leaf = fault_and_leaf
     old, now = values
     if f.kind == "stuck":
         return now
@@ -240,7 +240,7 @@ def _faulty_leaf(
     return c.Binary("+", old, by)
 
 
-def _clip(target: c.CExpr, bound: Bound) -> c.CExpr:
+def _clipped(target: c.CExpr, bound: Bound) -> c.CExpr:
     inner = c.CallExpr("soter_min", (float_number(bound.high), target))
     return c.CallExpr("soter_max", (float_number(bound.low), inner))
 

@@ -1,7 +1,7 @@
 """The outputs of a step that takes time, in generated C.
 
-Purpose: they are held in a topic of their own until they take effect; two functions publish them,
-and exchange them for what the topics have.
+Purpose: they are held in a topic of their own until they take effect; one function publishes them,
+another exchanges them with the values of the topics.
 Non-goals: when they take effect (the kernel); steps that take no time (`nodes.py`).
 """
 
@@ -24,8 +24,8 @@ PARAMETERS = (("void *", "state"),)
 def hold_outputs(
     frame: Frame, component: Component, outputs: tuple[core.Output, ...]
 ) -> list[c.CStmt]:
-    """Keeps a step's outputs in `held`; the kernel draws how long until they take effect."""
-    statements: list[c.CStmt] = [_empty_held(frame, component)]
+    """Stores a step's outputs in `held`; the kernel draws the time until they take effect."""
+    statements: list[c.CStmt] = [_empty_held_topic(frame, component)]
     published = c.Unary("*", c.Name("published"))
     for k, output in enumerate(outputs):
         note = c.Assign(published, c.Binary("|", published, c.Number(f"{1 << k}U")))
@@ -34,11 +34,11 @@ def hold_outputs(
             c.Assign(_held_part(frame, component, "at", k), CT),
             c.Assign(
                 _held_part(frame, component, "out", k),
-                frame.types.to_store(output.type, frame.body.out_place(k)),
+                frame.types.as_stored(output.type, frame.body.output_place(k)),
             ),
         )
         stores = c.IfStmt(flag_is_set("SOTER_ENABLED"), keep)
-        statements += frame.if_published(k, [note, stores])
+        statements += frame.code_if_published(k, [note, stores])
     return statements
 
 
@@ -62,7 +62,7 @@ def effect_function(
     body = (
         frame.state_pointer(),
         c.IfStmt(c.Binary("!=", c.Member(component_state, "oe"), c.Number("0U")), tuple(stores)),
-        _empty_held(frame, component),
+        _empty_held_topic(frame, component),
         c.Assign(stamp_place(component.held), c.Name("SOTER_NEVER")),
     )
     doc = f"what {component.name} held takes effect"
@@ -72,7 +72,7 @@ def effect_function(
 def exchange_function(
     frame: Frame, component: Component, outputs: tuple[core.Output, ...], name: str
 ) -> c.FunctionDef:
-    """The C function that exchanges held values and stamps for those of the topics."""
+    """The C function that exchanges held values and stamps with those of the topics."""
     body: list[c.CStmt] = [frame.state_pointer()]
     for k, output in enumerate(outputs):
         pairs = (
@@ -89,7 +89,7 @@ def exchange_function(
     return c.FunctionDef("void", f"{name}_exchange", PARAMETERS, tuple(body), doc)
 
 
-def _empty_held(frame: Frame, component: Component) -> c.CStmt:
+def _empty_held_topic(frame: Frame, component: Component) -> c.CStmt:
     assert component.held is not None
     t = frame.system.topics[component.held].type
     return c.Assign(frame.topic_place(component.held), frame.types.default_constant(t))

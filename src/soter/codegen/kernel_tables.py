@@ -1,7 +1,7 @@
 """The tables of a generated program that the kernel reads, and the function for its first state.
 
 Purpose: tables of components, modules, properties, topics and inputs; `soter_program`, which names
-them; `init`, which makes the state before the first instant.
+the tables; `init`, which makes the state before the first instant.
 Non-goals: the functions in the tables (`nodes.py`, `plants_and_inputs.py`, `decisions.py`), the
 first step of plants.
 """
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from soter.codegen import c_tree as c
 from soter.codegen.body import stream_key
 from soter.codegen.c_types import int_number
-from soter.codegen.plants_and_inputs import DRAW_PARAMETERS, assemble, in_order, uniform_draw
+from soter.codegen.plants_and_inputs import DRAW_PARAMETERS, assemble, declare_draws, uniform_draw
 from soter.language.model.system import environment_topics
 from soter.language.model.types import ArrayType, FloatType, RecordType, default_value, leaves
 
@@ -43,7 +43,7 @@ def init_function(frame: Frame, name: str) -> c.FunctionDef:
                 for path, _ in leaves(v.type)
             ]
             prefix = f"drawn_{component.index}_{i}"
-            before, values = in_order([("double", e) for e in draws], prefix)
+            before, values = declare_draws([("double", e) for e in draws], prefix)
             body += [*before, c.Assign(target, assemble(frame.types, v.type, iter(values)))]
     return c.FunctionDef("void", name, DRAW_PARAMETERS, tuple(body), "initial values")
 
@@ -67,7 +67,7 @@ def _is_zero(t: Type, value: Value) -> bool:
 
 
 class TableEmitter:
-    """Emits the tables of one system, and collects them in `found`."""
+    """Emits the tables of one system, and collects them in `tables`."""
 
     def __init__(
         self,
@@ -84,13 +84,13 @@ class TableEmitter:
         self.names = names
         self.module_names = module_names
         self.open_topics = environment_topics(frame.system)
-        self.moved = {f.component for f in frame.system.faults if f.of_time}
+        self.moved = {f.component for f in frame.system.faults if f.changes_releases}
         self.overrun = {f.component for f in frame.system.faults if f.kind == "overrun"}
         self.judged = {p.component for p in frame.system.properties}
-        self.found: list[c.CTop] = []
+        self.tables: list[c.CTop] = []
 
-    def tables(self) -> list[c.CTop]:
-        """The tables, and behind them the `soter_program` that names them."""
+    def table_definitions(self) -> list[c.CTop]:
+        """The definitions of the tables, and of the `soter_program` that names them."""
         p, s = self.frame.prefix, self.system
         rows = (
             (
@@ -121,15 +121,15 @@ class TableEmitter:
             **({"order": c.Name(f"{p}_order")} if s.shuffled else {}),
             self_test=c.Name("soter_computes"),
         )
-        self.found.append(c.VariableDef("soter_program", f"{p}_program", program, static=False))
-        return self.found
+        self.tables.append(c.VariableDef("soter_program", f"{p}_program", program, static=False))
+        return self.tables
 
     def _add_table(self, type_: str, name: str, rows: list[c.CExpr], comment: str) -> c.CExpr:
         if not rows:
             return c.Name("NULL")
         full_name = f"{self.frame.prefix}_{name}"
         value = c.Initializer(tuple((None, r) for r in rows))
-        self.found.append(c.VariableDef(type_, full_name, value, array=True, comment=comment))
+        self.tables.append(c.VariableDef(type_, full_name, value, array=True, comment=comment))
         return c.Name(full_name)
 
     def _component_row(self, x: Component) -> c.CExpr:
@@ -207,7 +207,7 @@ class TableEmitter:
 
 
 def _contract_fields(p: Property) -> dict[str, c.CExpr]:
-    """The fields of a contract in its table row: when it is checked; none for other properties."""
+    """The fields of a contract in its table row: when it is judged; none for other properties."""
     if p.component is None:
         return {}
     when = "SOTER_BEFORE_STEP" if p.kind == "assumes" else "SOTER_AFTER_STEP"
@@ -215,7 +215,7 @@ def _contract_fields(p: Property) -> dict[str, c.CExpr]:
 
 
 def _held_fields(x: Component, name: str) -> dict[str, c.CExpr]:
-    """The fields of a node whose steps take time in its table row; none for other nodes."""
+    """The fields in the table row of a node whose steps take time; none for other nodes."""
     if x.held is None:
         return {}
     least, most = x.takes_ns or (0, 0)

@@ -14,7 +14,7 @@ from soter.codegen import c_tree as c
 from soter.codegen.body import BranchChoices
 from soter.codegen.c_names import field_name
 from soter.codegen.c_types import FAULT
-from soter.codegen.externs import clean_answer, linked_name, to_ends
+from soter.codegen.externs import clean_answer, linked_name, move_to_ends
 from soter.codegen.faults import disturb
 from soter.codegen.held_outputs import hold_outputs
 from soter.codegen.plants_and_inputs import declare_choices
@@ -29,7 +29,7 @@ from soter.codegen.state_access import (
     stamp_place,
 )
 from soter.core import core
-from soter.language.model.system import queues_of
+from soter.language.model.system import queues_read_by
 from soter.language.model.types import BOOL
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def node_step_function(
 def _body_to_plan(frame: Frame, component: Component, step: core.NodeStep) -> PlannedBody | None:
     """The body whose storage is planned; None for an extern.
 
-    Outputs that a fault may change are not planned.
+    Without outputs that a fault may change, bursts, or commands that a shield proposes.
     """
     if component.extern:
         return None
@@ -78,13 +78,13 @@ def _body_to_plan(frame: Frame, component: Component, step: core.NodeStep) -> Pl
 def _step_statements(
     frame: Frame, component: Component, step: core.NodeStep, name: str
 ) -> list[c.CStmt]:
-    """The statements of a step: first all that may fault, then all that changes the state.
+    """The statements of a step: first those that may fault, then those that change the state.
 
-    Locals are loaded; lost values are looked for; a takeover, the body, the faults that the system
-    injects, the checks of outputs and the shield follow. A fault in any of these returns, with
-    locals as they were. Then locals are stored, the queues that were read are emptied, and outputs
-    are published, or held where the step takes time. An extern is answered before values that
-    its queues lost are looked for, as the interpreter does it.
+    The C loads the locals and checks that no queue lost a value; a takeover, the body, the faults
+    that the system injects, the checks of outputs and the shield follow. After a fault in these it
+    returns, with locals as they were. Then it stores the locals, empties the queues that were read,
+    and publishes the outputs, or holds them if the step takes time. An extern answers before its
+    queues are checked, as in the interpreter.
     """
     foreign = component.extern
     frame.body.choices = BranchChoices(component.name, None if foreign else frame.branches)
@@ -93,12 +93,12 @@ def _step_statements(
         block = tuple(frame.body.translate_block(step.takeover, step.body))
         takeover.append(c.IfStmt(flag_is_set("SOTER_TAKEOVER"), block))
     body = frame.load_locals(step.locals, frame.body.names_used((step.takeover, step.body)))
-    nothing_lost = check_queues(frame, component)
+    loss_checks = check_queues(frame, component)
     if foreign:
-        body += _take_extern_answer(frame, component, step, name, takeover, nothing_lost)
+        body += _take_extern_answer(frame, component, step, name, takeover, loss_checks)
     else:
         body += frame.declare_outputs(step.outputs)
-        body += nothing_lost
+        body += loss_checks
         body += [
             *declare_choices(component, step.body),
             *takeover,
@@ -110,12 +110,12 @@ def _step_statements(
         body += frame.body.translate_block(step.shield.body)
     unused = [c.Unused(n) for n in ("s", "flags", "answer", "published")]
     failed = (*frame.restore_locals(step.locals), *clear_lost_queues(frame, component))
-    body = [frame.state_pointer(), *unused, *frame.sticky_fault(body, failed)]
+    body = [frame.state_pointer(), *unused, *frame.checked_code(body, failed)]
     if frame.is_linked(component):
         body += [s for copy in step.locals for s in _commit_linked_local(frame, copy)]
     else:
         body += frame.store_locals(step.locals)
-    body += [empty_queue(frame, q) for q in queues_of(frame.system, component)]
+    body += [empty_queue(frame, q) for q in queues_read_by(frame.system, component)]
     if component.held is None:
         body += frame.publish_outputs(step.outputs, gated=component.role != "node")
         body += _store_shield_memory(frame, step)
@@ -132,34 +132,34 @@ def _take_extern_answer(
     step: core.NodeStep,
     name: str,
     takeover: list[c.CStmt],
-    nothing_lost: list[c.CStmt],
+    loss_checks: list[c.CStmt],
 ) -> list[c.CStmt]:
-    """Takes an extern's answer; `takeover` runs before C that keeps locals, else behind it."""
+    """Takes an extern's answer; `takeover` runs before linked C that has locals, else after it."""
     if frame.is_linked(component):
         answers = _call_linked(frame, component, step, name)
     else:
-        answers = _take_answer(frame, component, step, name)
+        answers = _take_driver_answer(frame, component, step, name)
     if frame.is_linked(component) and step.locals:
-        body = [*takeover, *answers, *nothing_lost]
+        body = [*takeover, *answers, *loss_checks]
     else:
-        body = [*answers, *nothing_lost, *takeover]
+        body = [*answers, *loss_checks, *takeover]
     for k, o in enumerate(step.outputs):
-        at_ends = to_ends(o.type, o.bounds, frame.body.out_place(k))
-        body += frame.if_published(k, at_ends) if at_ends else []
+        at_ends = move_to_ends(o.type, o.bounds, frame.body.output_place(k))
+        body += frame.code_if_published(k, at_ends) if at_ends else []
     return body
 
 
 def _store_shield_memory(frame: Frame, step: core.NodeStep) -> list[c.CStmt]:
     """Stores the commands of a step for its shield.
 
-    Published ones only if outputs are enabled (OE; rule n1), proposed ones always.
+    It stores published ones only if outputs are enabled (OE; rule n1), proposed ones always.
     """
     shield = step.shield
     if shield is None:
         return []
     some: c.CExpr = c.Name("false")
     for k in range(len(step.outputs)):
-        has = c.Name("true") if k in frame.body.certain else frame.body.has_flag(k)
+        has = c.Name("true") if k in frame.body.certain else frame.body.flag_of(k)
         some = has if k == 0 else c.Binary("||", some, has)
     kept = _store_hidden_topic(frame, shield.cell, shield.name, shield.type)
     stores: list[c.CStmt] = [c.IfStmt(c.Binary("&&", flag_is_set("SOTER_ENABLED"), some), kept)]
@@ -169,8 +169,8 @@ def _store_shield_memory(frame: Frame, step: core.NodeStep) -> list[c.CStmt]:
 
 
 def _store_hidden_topic(frame: Frame, cell: core.Cell, name: str, t: Type) -> tuple[c.CStmt, ...]:
-    """Stores the value of temporary `name` in a hidden topic, with the time of this step."""
-    stored = frame.types.commit_value(frame.cell_place(cell), t, frame.body.place(name))
+    """Stores the value of the temporary `name` in a hidden topic, with the time of this step."""
+    stored = frame.types.commit_value(frame.cell_place(cell), t, frame.body.place_of(name))
     return (*stored, c.Assign(stamp_place(cell.owner), CT))
 
 
@@ -199,7 +199,7 @@ def _call_linked(
         statements += [
             c.Assign(
                 c.Member(c.Name("kept"), field_name(x.cell.name)),
-                frame.types.to_store(x.type, c.Name(frame.body.c_name(x.name))),
+                frame.types.as_stored(x.type, c.Name(frame.body.c_name(x.name))),
             )
             for x in step.locals
             if x.written
@@ -214,7 +214,7 @@ def _call_linked(
     statements.append(c.Do(c.CallExpr("soter_guard", (fine, c.Name("SOTER_EXTERN_FAULT"), FAULT))))
     for x in step.locals:
         statements += clean_answer(x.type, c.Member(c.Name("kept"), field_name(x.cell.name)))
-    statements += _clean_got(node)
+    statements += _clean_outputs(node)
     return statements + _copy_outputs(frame, node, lambda field: c.Member(c.Name("got"), field))
 
 
@@ -224,7 +224,7 @@ def _commit_linked_local(frame: Frame, copy: core.LocalCopy) -> list[c.CStmt]:
     return frame.types.commit_value(frame.cell_place(copy.cell), copy.type, new)
 
 
-def _take_answer(
+def _take_driver_answer(
     frame: Frame, component: Component, step: core.NodeStep, name: str
 ) -> list[c.CStmt]:
     """Takes an extern node's outputs from the driver's answer; without an answer it faults."""
@@ -238,7 +238,7 @@ def _take_answer(
             c.IfStmt(c.Binary("==", c.Name("answer"), c.Name("NULL")), nothing),
             c.Declare(f"const {name}_out *const ", "sent", c.Name("answer")),
             c.Declare(f"{name}_out", "got", c.Unary("*", c.Name("sent"))),
-            *_clean_got(node),
+            *_clean_outputs(node),
             *_copy_outputs(frame, node, lambda field: c.Member(got, field)),
         ]
     return [
@@ -249,8 +249,8 @@ def _take_answer(
     ]
 
 
-def _clean_got(node: NodeSymbol) -> list[c.CStmt]:
-    """Turns the parts of `got` into values of their types, or raises the fault `extern`."""
+def _clean_outputs(node: NodeSymbol) -> list[c.CStmt]:
+    """Turns the outputs in `got` into values of their types, or raises the fault `extern`."""
     statements: list[c.CStmt] = []
     for topic in node.publishes:
         short = topic.name.rsplit(".", 1)[-1]
@@ -262,13 +262,13 @@ def _clean_got(node: NodeSymbol) -> list[c.CStmt]:
 
 
 def _copy_outputs(frame: Frame, node: NodeSymbol, part: Callable[[str], c.CExpr]) -> list[c.CStmt]:
-    """Copies the outputs that an extern gave; `part` gives the C of a field of its answer."""
+    """Copies the outputs of an extern's answer; `part` gives the C of a field of the answer."""
     statements: list[c.CStmt] = []
     for k, topic in enumerate(node.publishes):
         short = topic.name.rsplit(".", 1)[-1]
         taken = (
-            c.Assign(frame.body.out_place(k), part(field_name(short))),
-            c.Assign(frame.body.has_flag(k), c.Name("true")),
+            c.Assign(frame.body.output_place(k), part(field_name(short))),
+            c.Assign(frame.body.flag_of(k), c.Name("true")),
         )
         has: c.CExpr = c.Binary("!=", part(field_name(f"has_{short}")), c.Number("0"))
         if topic in node.bursts:  # no message is no publication
@@ -286,7 +286,7 @@ def failsafe_function(frame: Frame, component: Component, name: str) -> c.Functi
     for index, value in component.failsafe.items():
         t = frame.system.topics[index].type
         constant = frame.types.constant(t, value, "failsafe")
-        body.append(c.Assign(frame.topic_place(index), frame.types.to_store(t, constant)))
+        body.append(c.Assign(frame.topic_place(index), frame.types.as_stored(t, constant)))
         body.append(c.Assign(stamp_place(index), CT))
         body += frame.push_to_queues(index)
     return c.FunctionDef("void", f"{name}_failsafe", (("void *", "state"),), tuple(body))

@@ -14,7 +14,7 @@ from soter.codegen import c_tree as c
 from soter.codegen.body import BranchChoices, stream_key
 from soter.codegen.c_names import field_name
 from soter.codegen.c_types import float_number, int_number
-from soter.codegen.externs import clean_answer, to_ends
+from soter.codegen.externs import clean_answer, move_to_ends
 from soter.codegen.faults import disturb, leaf_place, scaled_draw
 from soter.codegen.state_access import (
     CT,
@@ -66,8 +66,10 @@ def uniform_draw(
     return c.CallExpr("soter_drawn", (*draw_arguments(stream), index, *bounds))
 
 
-def in_order(drawn: list[tuple[str, c.CExpr]], name: str) -> tuple[list[c.CStmt], list[c.CExpr]]:
-    """Declares draws one after the other, as C evaluates an initializer in any order."""
+def declare_draws(
+    drawn: list[tuple[str, c.CExpr]], name: str
+) -> tuple[list[c.CStmt], list[c.CExpr]]:
+    """Declares draws one after the other, as C may evaluate an initializer in any order."""
     if len(drawn) == 1:
         return [], [drawn[0][1]]
     names = [f"{name}_{k}" for k in range(len(drawn))]
@@ -78,7 +80,7 @@ def in_order(drawn: list[tuple[str, c.CExpr]], name: str) -> tuple[list[c.CStmt]
 
 
 def assemble(types: TypeTable, t: Type, values: object) -> c.CExpr:
-    """The C of a value of type `t`; `values` iterates over the C of its leaves, in order."""
+    """The C of a value of type `t`; `values`: an iterator over the C of its leaves, in order."""
     if isinstance(t, RecordType):
         return c.Initializer(
             tuple((field_name(n), assemble(types, f, values)) for n, f in t.fields),
@@ -95,7 +97,7 @@ def assemble(types: TypeTable, t: Type, values: object) -> c.CExpr:
 
 
 def declare_choices(component: Component, statements: tuple[core.Stmt, ...]) -> list[c.CStmt]:
-    """Declares what choices are drawn by: their count in this step, the release's number."""
+    """Declares the variables by which choices are drawn: their count, the release's number."""
     if not any(isinstance(n, core.Choose) for n in walk(statements)):
         return []
     since = c.Binary("-", CT, int_number(component.phase_ns)) if component.phase_ns else CT
@@ -111,7 +113,7 @@ PUBLISH_PARAMETERS = (("void *", "state"), ("const void *", "given"), ("int64_t"
 
 
 class InputEmitter:
-    """Emits the setter of each topic from outside, and the draw of each input."""
+    """Emits the C function that sets each topic from outside, and the one that draws each input."""
 
     def __init__(self, system: System, frame: Frame) -> None:
         self.system = system
@@ -123,7 +125,7 @@ class InputEmitter:
         return f"{self.frame.prefix}_publish_{topic}"
 
     def publish_function(self, topic: Topic) -> c.FunctionDef:
-        """The C function that stores a value of the topic's type and set, and refuses others."""
+        """The C function that stores a value in a topic, if it is of its type and in its set."""
         stored = self.types.stored_type(topic.type)
         stamp = stamp_place(topic.index)
         size = c.CallExpr("sizeof", (VALUE,))
@@ -135,7 +137,7 @@ class InputEmitter:
             c.Declare(stored, VALUE.text, None),
             c.Do(c.Cast("void", copied)),
             *clean_answer(topic.type, VALUE),
-            *to_ends(topic.type, topic.bounds, VALUE),
+            *move_to_ends(topic.type, topic.bounds, VALUE),
             *self.types.check_value(topic.type, topic.bounds, VALUE),
             c.IfStmt(c.Binary("!=", STATUS, OK), (c.Return(STATUS),)),
             c.Assign(self.frame.topic_place(topic.index), VALUE),
@@ -149,7 +151,7 @@ class InputEmitter:
         )
 
     def draw_function(self, drive: InputDrive, name: str) -> c.FunctionDef:
-        """The C function that changes an input: at random, or to what a driver answers."""
+        """The C function that changes an input: at random, or to the value of a driver's answer."""
         info = self.system.topics[drive.topic]
         index = c.Binary("/", CT, int_number(drive.every_ns))
         stream = f"input.{info.name}"
@@ -161,7 +163,7 @@ class InputEmitter:
                 self._draw_leaf(t, bound, ".".join((stream, *path)), index)
                 for (path, t), bound in zip(leaves(info.type), info.bounds, strict=True)
             ]
-            before, values = in_order(drawn, "drawn")
+            before, values = declare_draws(drawn, "drawn")
             value = assemble(self.types, info.type, iter(values))
         arguments = (S, c.Unary("&", VALUE), CT)
         body = (
@@ -188,7 +190,7 @@ class InputEmitter:
             this = self.types.constant(t, drive.values[k], "value")
             value = c.Ternary(c.Binary("==", name, c.Number(str(k))), this, value)
         declared = c.Declare("int64_t", name.text, pick, const=True)
-        return [declared, c.Unused(name.text)], self.types.to_store(t, value)
+        return [declared, c.Unused(name.text)], self.types.as_stored(t, value)
 
     def _draw_leaf(
         self, t: Type, bound: Bound | None, stream: str, index: c.CExpr
@@ -207,7 +209,7 @@ class InputEmitter:
             low, high = (int(bound.low), int(bound.high)) if bound else (t.low, t.high)
         limits = (int_number(low), int_number(high))
         drawn = c.CallExpr("soter_drawn_int", (*draw_arguments(stream), index, *limits))
-        return self.types.stored_type(t), self.types.to_store(t, drawn)
+        return self.types.stored_type(t), self.types.as_stored(t, drawn)
 
 
 def plant_step_function(
@@ -246,7 +248,7 @@ def _step_statements(
     body += disturb(frame, component, step.outputs)
     body += frame.check_outputs(step.outputs)
     unused = [c.Unused(n) for n in ("s", "flags", "answer", "published", "first")]
-    body = [frame.state_pointer(), is_first, *unused, *frame.sticky_fault(body)]
+    body = [frame.state_pointer(), is_first, *unused, *frame.checked_code(body)]
     body += frame.store_locals(step.states)
     body += frame.publish_outputs(step.outputs, gated=False)
     body.append(c.Return(OK))
@@ -268,14 +270,14 @@ def _draw_disturbances(
             chance = [_disturbance_draw(d, component, c.Name("began")) for d in draws]
             drawn = [scaled_draw(frame, component, number, e) for e in chance]
             c_name = frame.body.c_name(name)
-            before, values = in_order([("double", e) for e in drawn], f"drawn_{c_name}")
+            before, values = declare_draws([("double", e) for e in drawn], f"drawn_{c_name}")
             value = assemble(frame.types, t, iter(values))
             statements += [*before, c.Declare(frame.types.work_type(t), c_name, value, const=True)]
     return statements
 
 
 def _disturbance_draw(draw: core.Draw, component: Component, at: c.CExpr) -> c.CExpr:
-    """The C of a draw; no driver answers for what is held, or for an extern plant."""
+    """The C of a draw; no driver answers if the value is held, or for an extern plant."""
     hold = draw.hold_ns if draw.hold_ns > 0 else component.period_ns
     index = c.Binary("/", at, int_number(hold))
     chance = draw.hold_ns > 0 or component.extern
@@ -299,7 +301,7 @@ def _add_noise(frame: Frame, component: Component, step: core.PlantStep) -> list
     statements: list[c.CStmt] = []
     index = c.Binary("/", CT, int_number(component.period_ns))
     for output, leaf, draw in step.noise:
-        target = leaf_place(frame.body.out_place(output), step.outputs[output].type, leaf)
+        target = leaf_place(frame.body.output_place(output), step.outputs[output].type, leaf)
         error = uniform_draw(draw.stream, index, draw.low, draw.high, chance=component.extern)
         statements.append(c.Assign(target, c.Binary("+", target, error)))
     return statements

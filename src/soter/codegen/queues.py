@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from soter.codegen import c_tree as c
 from soter.codegen.c_types import FAULT
 from soter.codegen.state_access import stamp_place
-from soter.language.model.system import queues_of
+from soter.language.model.system import queues_read_by
 from soter.language.model.types import ListType
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def push_function(frame: Frame, topic: Topic) -> c.FunctionDef:
 
 
 def _lost_condition(queue: int) -> c.CExpr:
-    """The C condition that a queue has lost a value that it may not lose (SOTER_LOST)."""
+    """The C condition that a queue has lost a value which it may not lose (SOTER_LOST)."""
     return c.Binary("!=", stamp_place(queue), c.Name("SOTER_NEVER"))
 
 
@@ -66,7 +66,7 @@ def check_queues(frame: Frame, component: Component) -> list[c.CStmt]:
                 "soter_guard", (c.Unary("!", _lost_condition(q)), c.Name("SOTER_CAPACITY"), FAULT)
             )
         )
-        for q in queues_of(frame.system, component)
+        for q in queues_read_by(frame.system, component)
         if frame.system.topics[q].policy == "fault"
     ]
 
@@ -85,6 +85,6 @@ def clear_lost_queues(frame: Frame, component: Component) -> list[c.CStmt]:
             c.Binary("&&", overflowed, _lost_condition(q)),
             (empty_queue(frame, q), c.Assign(stamp_place(q), c.Name("SOTER_NEVER"))),
         )
-        for q in queues_of(frame.system, component)
+        for q in queues_read_by(frame.system, component)
         if frame.system.topics[q].policy == "fault"
     ]

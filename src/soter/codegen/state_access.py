@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.codegen import c_tree as c
-from soter.codegen.c_names import Unique, field_name
+from soter.codegen.c_names import UniqueNames, field_name
 from soter.codegen.storage_plan import PlannedBody
 from soter.core import core
 from soter.core.core import output_name
@@ -69,7 +69,7 @@ class Frame:
         """Whether nodes change large locals in the state, and restore them after a fault."""
         self.branches: list[StepBranch] | None = None
         """The branches that nodes count as taken, by number; None: they count none."""
-        unique = Unique()
+        unique = UniqueNames()
         self._topic_fields = [unique(t.name) for t in system.topics]
 
     def is_linked(self, component: Component) -> bool:
@@ -78,7 +78,7 @@ class Frame:
         return component.extern and bound and component.index not in self.apart
 
     def state_pointer(self, *, const: bool = False) -> c.CStmt:
-        """Declares `prefix_state *const s = state;`."""
+        """The declaration `prefix_state *const s = state;`."""
         qualifier = "const " if const else ""
         return c.Declare(f"{qualifier}{self.prefix}_state *const ", "s", c.Name("state"))
 
@@ -89,8 +89,8 @@ class Frame:
             c.Declare("soter_fault *const ", "fault", c.Unary("&", c.Name("status"))),
         ]
 
-    def sticky_fault(self, code: list[c.CStmt], failed: tuple[c.CStmt, ...] = ()) -> list[c.CStmt]:
-        """Adds to code that may fault what follows a fault: run `failed`, return the fault."""
+    def checked_code(self, code: list[c.CStmt], failed: tuple[c.CStmt, ...] = ()) -> list[c.CStmt]:
+        """The code; if it may fault, followed by C that after a fault runs `failed` and returns."""
         if not any(name in {"fault", "status"} for s in code for name in c.names_read(s)):
             return code
         ends = (*failed, c.Return(c.Name("status")))
@@ -110,7 +110,7 @@ class Frame:
         return c.Member(c.Arrow(S, self.groups[owner]), field_name(name))
 
     def cell_place(self, cell: core.Cell) -> c.CExpr:
-        """The C place of a cell of Core."""
+        """The C place of a cell, which is a topic, a local or a plant state."""
         if cell.kind == "topic":
             return self.topic_place(cell.owner)
         return self.member_place(cell.owner, cell.name)
@@ -125,13 +125,13 @@ class Frame:
             if copy.name in self.body.in_place:
                 stored, changed = self.types.stored_type(t), self.body.changed_flag(copy.name)
                 declarations += [
-                    c.Declare(f"{stored} *const ", name, c.address(cell)),
+                    c.Declare(f"{stored} *const ", name, c.address_of(cell)),
                     c.Declare(stored, self.body.value_before(copy.name).text, None),
                     c.Declare("bool", changed.text, c.Name("false")),
                 ]
             elif self.body.is_pointer(copy.name):
                 pointer = f"const {self.types.stored_type(t)} *const "
-                declarations.append(c.Declare(pointer, name, c.address(cell)))
+                declarations.append(c.Declare(pointer, name, c.address_of(cell)))
             else:
                 declarations.append(
                     c.Declare(self.types.work_type(t), name, cell, const=not copy.written)
@@ -148,7 +148,7 @@ class Frame:
                     commits.append(c.IfStmt(self.body.changed_flag(x.name), tuple(canonical)))
             elif x.written:
                 commits += self.types.commit_value(
-                    self.cell_place(x.cell), x.type, self.body.place(x.name)
+                    self.cell_place(x.cell), x.type, self.body.place_of(x.name)
                 )
         return commits
 
@@ -164,8 +164,8 @@ class Frame:
         ]
 
     def declare_outputs(self, outputs: tuple[core.Output, ...]) -> list[c.CStmt]:
-        """Declares `out_topic` and `has_topic` of outputs; a large one may use a local's place."""
-        unique = Unique()
+        """Declares `out_topic` and `has_topic` of outputs; large ones may share a local's place."""
+        unique = UniqueNames()
         topics = [self.system.topics[o.topic].name.rpartition(".")[2] for o in outputs]
         self.body.outputs = tuple(unique(name) for name in topics)
         declarations: list[c.CStmt] = []
@@ -177,13 +177,13 @@ class Frame:
                 )
                 declarations.append(c.Declare(work, f"out_{self.body.outputs[k]}", default))
             if k not in self.body.certain:
-                declarations.append(c.Declare("bool", self.body.has_flag(k).text, c.Name("false")))
+                declarations.append(c.Declare("bool", self.body.flag_of(k).text, c.Name("false")))
         return declarations
 
     def sure_outputs(
         self, component: Component, step: core.NodeStep | core.PlantStep
     ) -> frozenset[int]:
-        """Numbers of the outputs that a step always publishes, and that need no flag."""
+        """The numbers of the outputs that a step always publishes, and that need no flag."""
         code = step.publish if isinstance(step, core.PlantStep) else step.body
         silent = {
             f.topic
@@ -193,14 +193,14 @@ class Frame:
         spoken = {k for k, o in enumerate(step.outputs) if o.topic not in silent}
         return frozenset(outputs_always_published(code) & spoken)
 
-    def if_published(self, k: int, code: list[c.CStmt]) -> list[c.CStmt]:
+    def code_if_published(self, k: int, code: list[c.CStmt]) -> list[c.CStmt]:
         """The code, in an `if` unless the step always publishes output `k`."""
         if k in self.body.certain:
             return code
-        return [c.IfStmt(self.body.has_flag(k), tuple(code))]
+        return [c.IfStmt(self.body.flag_of(k), tuple(code))]
 
     def locals_in_place(self, copies: tuple[core.LocalCopy, ...]) -> frozenset[str]:
-        """The large locals that a step changes where they lie, if this program does that."""
+        """The large locals that a step changes in place in the state, if this program does that."""
         if not self.works_in_place:
             return frozenset()
         return frozenset(x.name for x in copies if x.written and self.types.is_large(x.type))
@@ -212,12 +212,12 @@ class Frame:
         outputs: tuple[core.Output, ...] = (),
         read_later: tuple[str, ...] = (),
     ) -> PlannedBody:
-        """The large locals and outputs of a step, for a plan of where they are stored."""
+        """The body of a step with its large locals and outputs, for `plan_storage`."""
         large = self.types.is_large
         return PlannedBody(
             code=code,
             is_large=large,
-            given=tuple(x.name for x in copies if large(x.type) and not x.written),
+            fixed=tuple(x.name for x in copies if large(x.type) and not x.written),
             kept=tuple((x.name, x.type) for x in copies if large(x.type) and x.written),
             outputs=tuple((k, o.type) for k, o in enumerate(outputs) if large(o.type)),
             read_later=read_later,
@@ -230,10 +230,10 @@ class Frame:
             for k, output in enumerate(outputs)
             if (
                 checks := self.types.check_value(
-                    output.type, tuple(output.bounds), self.body.out_place(k)
+                    output.type, tuple(output.bounds), self.body.output_place(k)
                 )
             )
-            for made in self.if_published(k, list(checks))
+            for made in self.code_if_published(k, list(checks))
         ]
 
     def publish_outputs(self, outputs: tuple[core.Output, ...], *, gated: bool) -> list[c.CStmt]:
@@ -247,14 +247,14 @@ class Frame:
             note = c.Assign(published, c.Binary("|", published, bit))
             if gated:
                 stores = [c.IfStmt(flag_is_set("SOTER_ENABLED"), tuple(stores))]
-            statements += self.if_published(k, [note, *stores])
+            statements += self.code_if_published(k, [note, *stores])
         return statements
 
     def _store_output(self, k: int, output: core.Output) -> list[c.CStmt]:
         """Stores output `k` in its topic and queues: one value, or each value of a burst."""
-        topic, out = self.topic_place(output.topic), self.body.out_place(k)
+        topic, out = self.topic_place(output.topic), self.body.output_place(k)
         if not output.burst:
-            value = self.types.to_store(output.type, out)
+            value = self.types.as_stored(output.type, out)
             return [c.Assign(topic, value), *self.push_to_queues(output.topic)]
         message = c.IndexExpr(c.Member(out, "items"), c.Name("message"))
         each = (c.Assign(topic, message), *self.push_to_queues(output.topic))

@@ -1,8 +1,8 @@
 """Plans which large temporaries have a place of their own, share one, or only point to one.
 
 Purpose: `plan_storage` makes the `StoragePlan` of a body, which saves copies and stack in C:
-temporaries that refer to what nothing changes while they are read; those that share a place,
-because one is a copy of the other and they never differ while both are needed; idle stores.
+temporaries that refer to a value which nothing changes while they are read; those that share a
+place, as one is a copy of the other and they never differ while both are needed; idle stores.
 Non-goals: C (`codegen/body.py`), which values are large (`TypeTable.is_large`).
 
 Decision 109. A walk backwards through the structured code computes liveness; it repeats loops until
@@ -56,7 +56,7 @@ class StoragePlan:
         """The name of the place that `name` shares; its own name if it shares none."""
         return self.homes[name][0] if name in self.homes else name
 
-    def whole_name(self, name: str) -> str:
+    def referred_name(self, name: str) -> str:
         """The temporary to which `name` refers, directly or through other references."""
         while name in self.same:
             name = self.same[name]
@@ -72,15 +72,15 @@ class StoragePlan:
 class PlannedBody:
     """A body to be planned.
 
-    `given`: large parameters and cells that are read in place, and never change here; `kept`: large
+    `fixed`: large parameters and cells that are read in place, and never change here; `kept`: large
     locals of a step, which are loaded first and stored last; `outputs`: numbers of large outputs
-    that may share a place; `result`: what a function returns; `leave`: its flag of having returned;
-    `read_later`: other temporaries that code after the body reads.
+    that may share a place; `result`: the value that a function returns; `leave`: its flag of having
+    returned; `read_later`: other temporaries that code after the body reads.
     """
 
     code: tuple[core.Stmt, ...]
     is_large: Callable[[Type], bool]
-    given: tuple[str, ...] = ()
+    fixed: tuple[str, ...] = ()
     kept: tuple[tuple[str, Type], ...] = ()
     outputs: tuple[tuple[int, Type], ...] = ()
     result: core.Expr | None = None
@@ -102,8 +102,8 @@ def has_address(e: core.Expr) -> bool:
     return is_place(e)
 
 
-def is_still_here(e: core.Expr, leave: str) -> bool:
-    """Whether `e` is `!leave` (not returned yet), which C, as it returns at once, need not ask."""
+def is_leave_check(e: core.Expr, leave: str) -> bool:
+    """Whether `e` is `!leave` (not returned yet); C returns at once, and need not check it."""
     if not isinstance(e, core.Unary) or e.op != "not":
         return False
     return isinstance(e.operand, core.Var) and e.operand.name == leave
@@ -111,7 +111,7 @@ def is_still_here(e: core.Expr, leave: str) -> bool:
 
 def plan_storage(task: PlannedBody) -> StoragePlan:
     """The storage plan of a body."""
-    return _Planner(task).run()
+    return _Planner(task).make_plan()
 
 
 class _Planner:
@@ -126,8 +126,7 @@ class _Planner:
         self.candidates: dict[str, frozenset[str]] = {}
         self.same: dict[str, str] = {}
         """Reference to all of another temporary -> that temporary."""
-        fixed = written_names(task.code)
-        self._declare_large(task.code, 0, fixed)
+        self._declare_large(task.code, 0, written_names(task.code))
         self.types.update(self.outputs)
         if task.result is not None and task.is_large(task.result.type):
             self.types[RESULT] = task.result.type
@@ -150,20 +149,20 @@ class _Planner:
             elif isinstance(s, core.Loop):
                 self._declare_large(s.body, depth + 1, changed)
 
-    def run(self) -> StoragePlan:
+    def make_plan(self) -> StoragePlan:
         """Makes as many temporaries as possible references, then lets places be shared."""
         references = dict(self.candidates)
         while True:
             same = {n: o for n, o in self.same.items() if n in references}
             walker = _Walker(self.task, self.types, _all_bases(references), same)
-            walker.run()
+            walker.walk_body()
             if not walker.changed:
                 break
             for name in walker.changed:
                 del references[name]
         homes = self._shared_homes(walker)
         return StoragePlan(
-            references=frozenset((*references, *self.task.given)),
+            references=frozenset((*references, *self.task.fixed)),
             behind=walker.behind,
             same=same,
             homes=homes,
@@ -178,9 +177,9 @@ class _Planner:
             if self.types[a] == self.types[b]:
                 self._join_groups(groups, walker, (a, ()), b)
         for a, field_, b in walker.parts:
-            of = self.types[a]
-            if isinstance(of, RecordType) and of.fields[field_][1] == self.types[b]:
-                self._join_groups(groups, walker, (a, (of.fields[field_][0],)), b)
+            record = self.types[a]
+            if isinstance(record, RecordType) and record.fields[field_][1] == self.types[b]:
+                self._join_groups(groups, walker, (a, (record.fields[field_][0],)), b)
         homes = {name: (self._home_name(group), group[name]) for name, group in groups.items()}
         return {name: home for name, home in homes.items() if home[0] != name}
 
@@ -199,15 +198,15 @@ class _Planner:
                 return  # a part must be declared inside the scope of its whole
         elif path:
             return
-        both = {**outer, **{x: (*path, *p) for x, p in inner.items()}}
-        for x in both:
-            groups[x] = both
+        joined = {**outer, **{x: (*path, *p) for x, p in inner.items()}}
+        for x in joined:
+            groups[x] = joined
 
     def _home_name(self, group: dict[str, Path]) -> str:
         return min((n for n, p in group.items() if not p), key=self._rank)
 
     def _rank(self, name: str) -> tuple[int, int, int]:
-        """The rank by which a name gives its place: result, locals, outputs, outermost."""
+        """The rank of a name; the least in a group is its home: result, locals, outputs, others."""
         if name == RESULT:
             return 0, 0, 0
         if name in self.kept:
@@ -236,7 +235,7 @@ def _all_bases(references: Mapping[str, frozenset[str]]) -> dict[str, frozenset[
 
 
 class _Walker:
-    """Walks a body once, from end to beginning, and notes which names interfere."""
+    """Walks a body from end to beginning, and notes which names interfere."""
 
     def __init__(
         self,
@@ -255,10 +254,10 @@ class _Walker:
         self.copies: list[tuple[str, str]] = []
         self.parts: list[tuple[str, int, str]] = []
         """(record, number of its field, temporary that the field is made of)."""
-        self.apart: set[tuple[str, str]] = set()
+        self.apart: set[tuple[str, str]] = set()  # names that may share no place
         self._at_exit: set[str] = set()
         self._order: dict[int, int] = {}
-        self._said: dict[str, int] = {}
+        self._published: dict[str, int] = {}
         """Output -> number of the first statement that publishes it, or of the loop around it."""
         self._number_statements(task.code, None)
 
@@ -266,14 +265,14 @@ class _Walker:
         for s in block:
             at = self._order[id(s)] = len(self._order)
             if isinstance(s, core.Publish):
-                self._said.setdefault(output_name(s.output), at if loop is None else loop)
+                self._published.setdefault(output_name(s.output), at if loop is None else loop)
             elif isinstance(s, core.If):
                 self._number_statements(s.then, loop)
                 self._number_statements(s.otherwise, loop)
             elif isinstance(s, core.Loop):
                 self._number_statements(s.body, at if loop is None else loop)
 
-    def run(self) -> None:
+    def walk_body(self) -> None:
         """Walks the body and fills `idle`, `changed`, `copies`, `parts` and `apart`."""
         task = self.task
         live = {output_name(k) for k, _ in task.outputs} | {n for n, _ in task.kept}
@@ -284,7 +283,7 @@ class _Walker:
                 self._note_write(RESULT, task.result, {RESULT}, reads)
             live |= reads
         self._at_exit = set(live)
-        live = self._before_block(task.code, live) - self._said.keys()
+        live = self._before_block(task.code, live) - self._published.keys()
         kept = {n for n, _ in task.kept}
         self.apart |= {(a, b) for a in kept for b in kept if a != b}
         self.apart |= {(b, a) for a, b in self.apart}
@@ -308,7 +307,7 @@ class _Walker:
         if isinstance(s, core.Set) and s.name == self.task.leave:
             return set(self._at_exit)
         if isinstance(s, core.Set) and not s.path:
-            return self._before_whole(s, s.name, s.value, live)
+            return self._before_write(s, s.name, s.value, live)
         return self._before_part(s.name, s.value, live, self._tracked_reads(s.path, s.value))
 
     def _before_statement(self, s: core.Stmt, live: set[str]) -> set[str]:
@@ -317,9 +316,9 @@ class _Walker:
         if isinstance(s, core.Loop):
             return self._before_loop(s, live)
         at = self._order[id(s)]
-        live = {x for x in live if self._said.get(x, -1) <= at}  # others are not published yet
+        live = {x for x in live if self._published.get(x, -1) <= at}  # not yet published ones
         if isinstance(s, core.Let):
-            return self._before_whole(s, s.name, s.value, live)
+            return self._before_write(s, s.name, s.value, live)
         if isinstance(s, core.Call):
             return self._before_call(s, live)
         if isinstance(s, (core.Set, core.Push)):
@@ -327,7 +326,7 @@ class _Walker:
         if isinstance(s, core.Publish):
             name = output_name(s.output)
             if s.limit is None:
-                return self._before_whole(None, name, s.value, live)
+                return self._before_write(None, name, s.value, live)
             return self._before_part(name, s.value, live, self._tracked_reads(s.value))
         if isinstance(s, core.Choose) and s.ages is not None:
             return self._before_part(s.ages, None, live, set())
@@ -342,7 +341,7 @@ class _Walker:
         return (live - {s.name}) | reads
 
     def _before_if(self, s: core.If, live: set[str]) -> set[str]:
-        if self.task.leave is not None and is_still_here(s.condition, self.task.leave):
+        if self.task.leave is not None and is_leave_check(s.condition, self.task.leave):
             return self._before_block(s.then, live)
         then, otherwise = self._before_block(s.then, live), self._before_block(s.otherwise, live)
         return then | otherwise | self._tracked_reads(s.condition)
@@ -359,7 +358,7 @@ class _Walker:
         self.changed |= changed
         return around
 
-    def _before_whole(
+    def _before_write(
         self, s: core.Stmt | None, name: str, value: core.Expr, live: set[str]
     ) -> set[str]:
         """The names needed before a write to all of a place, from those needed after it."""
@@ -379,7 +378,7 @@ class _Walker:
         """The names needed before a write to a part of a place; the rest is still needed."""
         if name not in self.tracked:
             return live | reads
-        self._note_write(name, value, live, reads - {name}, whole=False)
+        self._note_write(name, value, live, reads - {name}, full=False)
         return live | reads | {name}
 
     def _note_write(
@@ -389,30 +388,30 @@ class _Walker:
         live: set[str],
         reads: set[str],
         *,
-        whole: bool = True,
+        full: bool = True,
     ) -> None:
-        """Notes what a write interferes with; only a value with an address is copied at once."""
+        """Notes with what a write interferes; only a value with an address is copied at once."""
         at_once = value is not None and has_address(value)
         needed = live if at_once else live | reads
         self.changed |= {r for r in needed if name in self.behind.get(r, ())}
         equal = {name}
-        if whole and isinstance(value, core.Var):
-            source = self._whole_place(value)
+        if full and isinstance(value, core.Var):
+            source = self._referred_place(value)
             if source is not None:
                 equal.add(source)
                 if (name, source) not in self.copies:
                     self.copies.append((name, source))
-        elif whole and isinstance(value, core.Make):
+        elif full and isinstance(value, core.Make):
             for k, element in enumerate(value.elements):
-                source = self._whole_place(element)
+                source = self._referred_place(element)
                 if source is not None:
                     equal.add(source)
                     if (name, k, source) not in self.parts:
                         self.parts.append((name, k, source))
         self.apart |= {(name, x) for x in needed - equal}
 
-    def _whole_place(self, e: core.Expr) -> str | None:
-        """The tracked place that `e` is the whole of; None if there is none."""
+    def _referred_place(self, e: core.Expr) -> str | None:
+        """The tracked place to all of which `e` refers; None if there is none."""
         if not isinstance(e, core.Var):
             return None
         name = e.name

@@ -23,7 +23,7 @@ from soter.codegen import (
     queues,
 )
 from soter.codegen.body import Body
-from soter.codegen.c_names import FileNames, Unique, program_prefix, why_not_linkable
+from soter.codegen.c_names import FileNames, UniqueNames, program_prefix, why_not_linkable
 from soter.codegen.c_printer import print_file
 from soter.codegen.c_types import TypeTable
 from soter.codegen.externs import (
@@ -62,7 +62,7 @@ COMPONENT_NAMES = (
     "_happens", "_overrun", LINKED,
 )  # fmt: skip
 MODULE_NAMES = ("_ttf", "_safer", "_decide")
-OWN_NAMES = (
+FIXED_NAMES = (
     "state", "topics", "program", "init", "components", "modules", "properties", "topics_info",
     "inputs", "layout_is_as_declared", "switch", "order",
 )  # fmt: skip
@@ -70,7 +70,7 @@ OWN_NAMES = (
 
 @dataclass(frozen=True, kw_only=True)
 class Unit:
-    """Generated text and what a driver must know about it."""
+    """A generated program: its header, its source, and the facts that a driver needs."""
 
     prefix: str
     header: str
@@ -81,24 +81,24 @@ class Unit:
     c_sources: tuple[str, ...]
     """C files that externs are bound to."""
     names: dict[int, str]
-    """Component -> what its C names begin with (`cart_c`: `cart_c_step`, `cart_c_out`)."""
+    """Component -> the beginning of its C names (`cart_c`: `cart_c_step`, `cart_c_out`)."""
     topics: tuple[tuple[str, str], ...] = ()
     """Topic index -> its C type, and its member in `topics` of the state."""
     branches: tuple[StepBranch, ...] = ()
-    """The branches that the numbers of `soter_branch` stand for; empty without `branches`."""
+    """The branches by their number in `soter_branch`; () if they are not counted."""
     tree: c.CFile = field(default_factory=c.CFile, repr=False)
     """The source as a tree, before decisions are counted."""
     decisions: tuple[tuple[str, c.CExpr], ...] = field(default=(), repr=False)
-    """The decisions that are counted; none where nobody watches (`codegen/conditions.py`)."""
+    """The decisions that are counted; () outside `watching` (`codegen/conditions.py`)."""
 
 
 def fixed_names(system: System) -> tuple[str, ...]:
-    """Names, without prefix, that generated files declare whatever names the program uses."""
+    """Names, without prefix, that generated files declare besides names of the program."""
     properties = [f"property_{p.index}" for p in system.properties]
     inputs = [f"input_{i}" for i in range(len(system.inputs))]
     pushed = [f"pushed_{t.index}" for t in system.topics if t.queues]
     published = [f"publish_{i}" for i in environment_topics(system)]
-    return (*OWN_NAMES, *properties, *inputs, *pushed, *published, *faults.fault_names(system))
+    return (*FIXED_NAMES, *properties, *inputs, *pushed, *published, *faults.fault_names(system))
 
 
 def generate(
@@ -117,7 +117,7 @@ def generate(
     builder = UnitBuilder(system, core or lower(system), prefix)
     builder.frame.apart = apart
     builder.frame.branches = [] if branches else None
-    return builder.run()
+    return builder.build_unit()
 
 
 class UnitBuilder:
@@ -140,9 +140,9 @@ class UnitBuilder:
             )
             for m in system.modules
         }
-        members = Unique(frozenset({"header", "components", "modules", "properties", "stamps"}))
-        members("topics")
-        self.groups = {g.owner: members(g.name) for g in self.layout.groups if g.owner >= 0}
+        member = UniqueNames(frozenset({"header", "components", "modules", "properties", "stamps"}))
+        member("topics")
+        self.groups = {g.owner: member(g.name) for g in self.layout.groups if g.owner >= 0}
         self.functions = {
             f.name: (unique.new_family(f"{f.name}_fn", (LINKED,)), f.can_fault)
             for f in core.functions
@@ -157,8 +157,8 @@ class UnitBuilder:
         self.open_topics = environment_topics(system)
         self.c_sources: list[str] = []
 
-    def run(self) -> Unit:
-        """The unit: header, source, and what a driver must know."""
+    def build_unit(self) -> Unit:
+        """Builds the C of the system, and returns the unit."""
         for topic in self.system.topics:
             self.types.stored_type(topic.type)  # declared names first: equal records share a struct
         functions = self._function_definitions()
@@ -166,7 +166,7 @@ class UnitBuilder:
         init = kernel_tables.init_function(self.frame, f"{self.prefix}_init")
         tables = TableEmitter(
             self.core, self.frame, self.inputs, self.names, self.module_names
-        ).tables()
+        ).table_definitions()
         more = self.added_definitions()
         externs = extern_declarations(self.frame, self.core, self.names)
         state = self._state_definitions()
@@ -208,7 +208,7 @@ class UnitBuilder:
                 *more,
             )
         )
-        self._require_names((*header.items, *source.items))
+        self._require_linkable_names((*header.items, *source.items))
         answers = {x.index: lay_out(answer_fields(x)) for x in self.system.components if x.extern}
         text, counted = conditions.print_with_counters(source, f'#include "{self.prefix}.h"\n')
         return Unit(
@@ -228,9 +228,9 @@ class UnitBuilder:
             decisions=counted,
         )
 
-    def _require_names(self, items: tuple[c.CTop, ...]) -> None:
+    def _require_linkable_names(self, items: tuple[c.CTop, ...]) -> None:
         """Raises SoterError X009 if a linked function's name is reserved or taken."""
-        own = {
+        generated = {
             name
             for x in items
             if not (isinstance(x, c.FunctionDef) and x.body is None)
@@ -241,7 +241,7 @@ class UnitBuilder:
             name = linked_symbol(binding)
             why = (
                 f"the code that is generated of `{self.prefix}` has something of that name"
-                if name in own
+                if name in generated
                 else why_not_linkable(name, node=node)
             )
             if why:
@@ -279,7 +279,7 @@ class UnitBuilder:
 
     @staticmethod
     def added_names(_system: System) -> tuple[str, ...]:
-        """Names, without prefix, in `added_definitions`, which the program's must avoid."""
+        """The names, without prefix, in `added_definitions`, which the program may not use."""
         return ()
 
     # ------------------------------------------------------------ functions and steps
@@ -317,9 +317,9 @@ class UnitBuilder:
     def _extern_function(
         self, f: Function, name: str, parameters: tuple[tuple[str, str], ...], result: str, doc: str
     ) -> c.FunctionDef:
-        """Calls a linked C function; any other extern function only raises a fault.
+        """The function that calls a linked C function; any other extern only raises a fault.
 
-        It takes and returns values, however large (docs/language.md).
+        The linked one takes and returns values, however large (docs/language.md).
         """
         t = f.result_type
         large = self.types.is_large(t)
@@ -360,7 +360,6 @@ class UnitBuilder:
         return c.FunctionDef(result, name, parameters, body, doc, inline=True)
 
     def _return_statements(self, t: Type, value: c.CExpr) -> tuple[c.CStmt, ...]:
-        """The last statements of a function that returns `value`."""
         return (c.Assign(MADE, value),) if self.types.is_large(t) else (c.Return(value),)
 
     def _filled_topics(self) -> set[int]:

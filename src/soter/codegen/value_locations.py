@@ -2,7 +2,7 @@
 
 Purpose: `Places`, the base of `Body`, gives each temporary, output and result its place by the
 body's plan, passes large arguments by address, and writes values into places. Two functions find
-comparisons that compilers would warn of; `body.py` puts `soter_plain` around their operands.
+comparisons of which compilers would warn; `body.py` puts `soter_plain` around their operands.
 Non-goals: the plan (`storage_plan.py`), what expressions and statements are (`codegen/body.py`).
 """
 
@@ -33,10 +33,10 @@ STORED = (core.Get, core.Field, core.Element, core.Fact)
 
 
 def has_known_result(op: str, value: core.Expr, other: core.Expr) -> bool:
-    """Whether a compiler knows the result of an int comparison, and would warn of it.
+    """Whether a compiler may know the result of an int comparison, and would warn of it.
 
-    It does for a stored value against a constant at or beyond the limits of its storage, and
-    perhaps for a choice between constants.
+    It knows that of a stored value with a constant at or beyond the limits of its storage, and
+    perhaps that of a choice between constants.
     """
     if isinstance(value, core.Select):
         return True
@@ -51,10 +51,10 @@ def has_known_result(op: str, value: core.Expr, other: core.Expr) -> bool:
     return not low < other.value < high
 
 
-def compared_twice(condition: core.Expr) -> list[core.Expr]:
-    """Stored values that a condition compares with different constants by == or !=.
+def twice_compared(condition: core.Expr) -> list[core.Expr]:
+    """The stored values that a condition compares with different constants by == or !=.
 
-    A compiler knows the result if no value equals all of the constants, and warns.
+    If no value can equal all of the constants, a compiler knows the result, and warns.
     """
     comparisons: list[tuple[core.Expr, object]] = []
     for part in _equalities(condition):
@@ -83,7 +83,7 @@ MADE = c.Unary("*", c.Name("made"))
 
 
 class Places:
-    """Emits where values lie, for one body after the other; `plan_body` begins one."""
+    """Gives values their places in C, for one body after the other; `plan_body` begins one."""
 
     def __init__(self, types: TypeTable) -> None:
         self.types = types
@@ -94,7 +94,7 @@ class Places:
         """Numbers of the outputs that the step being emitted always publishes."""
         self.in_place: frozenset[str] = frozenset()
         """Locals that the step being emitted changes where they lie in the state."""
-        self._given = 0
+        self._new_places = 0
 
     def expr(self, e: core.Expr) -> c.CExpr:
         """The C of a Core expression (`Body`)."""
@@ -115,7 +115,7 @@ class Places:
         self.plan = StoragePlan() if task is None else plan_storage(task)
         self.certain = certain
         self.in_place = in_place
-        self._given = 0
+        self._new_places = 0
         try:
             yield
         finally:
@@ -124,7 +124,7 @@ class Places:
             self.in_place = frozenset()
 
     def names_used(self, root: object) -> set[str]:
-        """The temporaries that code below `root` reads; what idle stores read does not count."""
+        """The temporaries that code below `root` reads, without those of idle stores alone."""
         read_counts = Counter(x.name for x in walk(root) if isinstance(x, core.Var))
         for s in walk(root):
             if id(s) in self.plan.idle:
@@ -139,7 +139,7 @@ class Places:
         """Whether a name has a place of its own."""
         return self.plan.home_name(name) == name
 
-    def place(self, name: str) -> c.CExpr:
+    def place_of(self, name: str) -> c.CExpr:
         """The C place of a temporary, an output or the result."""
         home, path = self.plan.homes.get(name, (name, ()))
         place = self._own_place(home)
@@ -163,7 +163,7 @@ class Places:
         return c.Name(f"given_{self.c_name(name)}_changed")
 
     def value_before(self, name: str) -> c.Name:
-        """The C variable with the value that such a local had before the step."""
+        """The C variable with the value that a local changed in place had before the step."""
         return c.Name(f"given_{self.c_name(name)}_before")
 
     def with_saved_value(self, s: core.Stmt, made: list[c.CStmt]) -> list[c.CStmt]:
@@ -174,7 +174,7 @@ class Places:
             return made
         changed = self.changed_flag(home)
         aside = (
-            c.Assign(self.value_before(home), self.place(home)),
+            c.Assign(self.value_before(home), self.place_of(home)),
             c.Assign(changed, c.Name("true")),
         )
         return [c.IfStmt(c.Unary("!", changed), aside), *made]
@@ -190,11 +190,11 @@ class Places:
         work = self.types.work_type(t)
         return f"const {work} *" if self.types.is_large(t) else work
 
-    def planned_function(self, f: core.Function, result: core.Expr) -> PlannedBody:
+    def function_to_plan(self, f: core.Function, result: core.Expr) -> PlannedBody:
         """The body of a function, for `plan_storage`."""
         large = self.types.is_large
-        arrive = tuple(p.name for p in f.parameters if large(p.type))
-        return PlannedBody(code=f.body, is_large=large, given=arrive, result=result, leave=f.leave)
+        fixed = tuple(p.name for p in f.parameters if large(p.type))
+        return PlannedBody(code=f.body, is_large=large, fixed=fixed, result=result, leave=f.leave)
 
     def c_arguments(self, arguments: tuple[core.Expr, ...]) -> tuple[list[c.CStmt], list[c.CExpr]]:
         """The statements that go before a call, and its C arguments."""
@@ -206,9 +206,9 @@ class Places:
         if not self.types.is_large(e.type):
             return [], self.expr(e)
         if has_address(e):
-            return [], c.address(self.expr(e))
+            return [], c.address_of(self.expr(e))
         before, value = self._write_to_new_place(e)
-        return before, c.address(value)
+        return before, c.address_of(value)
 
     # ------------------------------------------------------------ large values
 
@@ -226,18 +226,18 @@ class Places:
         if not in_pieces or not isinstance(e, core.Make):
             if self._lies_in(e, target):
                 return []
-            return [c.Assign(target, self.types.to_store(t, self.expr(e)))]
+            return [c.Assign(target, self.types.as_stored(t, self.expr(e)))]
         if self._may_read_target(target, root, e):
             before, value = self._write_to_new_place(e)
             return [*before, c.Assign(target, value)]
         if isinstance(t, RecordType):
-            return self._fields_into(target, root, t, e)
+            return self._write_fields(target, root, t, e)
         assert isinstance(t, (ArrayType, ListType))
         if isinstance(t, ArrayType) and not self.types.is_large(t.element):
             return [c.Assign(target, self.expr(e))]
-        return self._elements_into(target, root, t, e)
+        return self._write_elements(target, root, t, e)
 
-    def _elements_into(
+    def _write_elements(
         self, target: c.CExpr, root: str, t: ArrayType | ListType, e: core.Make
     ) -> list[c.CStmt]:
         items = c.Member(target, "at" if isinstance(t, ArrayType) else "items")
@@ -251,7 +251,7 @@ class Places:
             statements.append(c.Assign(c.Member(target, "len"), c.Number(str(len(e.elements)))))
         return statements
 
-    def _fields_into(
+    def _write_fields(
         self, target: c.CExpr, root: str, t: RecordType, e: core.Make
     ) -> list[c.CStmt]:
         statements = [
@@ -268,24 +268,24 @@ class Places:
 
     def _lies_in(self, e: core.Expr, target: c.CExpr) -> bool:
         """Whether the value of `e` already lies in `target`."""
-        return isinstance(e, core.Var) and self.place(self.plan.whole_name(e.name)) == target
+        return isinstance(e, core.Var) and self.place_of(self.plan.referred_name(e.name)) == target
 
     def _may_read_target(self, target: c.CExpr, root: str, e: core.Make) -> bool:
         """Whether a piece of `e`, which is written to `target`, may be read from place `root`."""
-        wholes: set[str] = set()
+        unchanged: set[str] = set()
         others = list(e.elements)
         if isinstance(e.type, RecordType):
             for (name, _), element in zip(e.type.fields, e.elements, strict=True):
                 if self._lies_in(element, c.Member(target, field_name(name))):
                     assert isinstance(element, core.Var)
-                    wholes.add(self.plan.whole_name(element.name))
+                    unchanged.add(self.plan.referred_name(element.name))
                     others.remove(element)
-        reads = self.plan.names_read(*others) - wholes
+        reads = self.plan.names_read(*others) - unchanged
         return any(self.plan.home_name(x) == self.plan.home_name(root) for x in reads)
 
     def _write_to_new_place(self, e: core.Expr) -> tuple[list[c.CStmt], c.CExpr]:
         """Statements that write a value to a new place, and that place."""
-        self._given += 1
-        made = c.Name(f"given_{self._given}")
+        self._new_places += 1
+        made = c.Name(f"given_{self._new_places}")
         declared = c.Declare(self.types.work_type(e.type), made.text, None)
         return [declared, *self.write_into(made, made.text, e.type, e)], made

@@ -77,9 +77,9 @@ class Get(Expr):
 
 @node()
 class Fact(Expr):
-    """A fact of the run: "time" (s), "in_control", "mode" (module `index`), "age" (s, topic).
+    """A fact of the run: "time" (s), "in_control", "mode" of a module, "age" (s) of a topic.
 
-    And of a step "published": whether it published output number `index`.
+    Or of a step: "published", whether it published an output. `index`: module, topic or output.
     """
 
     fact: str
@@ -88,7 +88,7 @@ class Fact(Expr):
 
 @node()
 class Unary(Expr):
-    """neg (float), not, sqrt, floor, abs (float), to_float (int)."""
+    """An operation on one value: neg, sqrt, floor, abs (floats), not (bool), to_float (int)."""
 
     op: str
     operand: Expr
@@ -96,7 +96,7 @@ class Unary(Expr):
 
 @node()
 class Binary(Expr):
-    """+ - * / (float, divisor guarded before), < <= > >= == !=, && || (both sides pure)."""
+    """An operation on two values: + - * / (floats, / after a guard), comparisons, && ||."""
 
     op: str
     left: Expr
@@ -105,7 +105,7 @@ class Binary(Expr):
 
 @node()
 class Extreme(Expr):
-    """min or max; `op` "min": b < a ? b : a, "max": b > a ? b : a (operands are atoms)."""
+    """The smaller or larger value; `op` "min": b < a ? b : a, "max": b > a ? b : a."""
 
     op: str
     left: Expr
@@ -114,7 +114,7 @@ class Extreme(Expr):
 
 @node()
 class Select(Expr):
-    """condition ? then : otherwise, all three pure."""
+    """The value `condition ? then : otherwise`; all three are pure."""
 
     condition: Expr
     then: Expr
@@ -123,7 +123,7 @@ class Select(Expr):
 
 @node()
 class Field(Expr):
-    """Field of a record."""
+    """The field number `index` of a record."""
 
     target: Expr
     index: int
@@ -131,7 +131,7 @@ class Field(Expr):
 
 @node()
 class Element(Expr):
-    """Element of an array or list at an index known to be inside."""
+    """An element of an array or list, at an index that is surely inside."""
 
     target: Expr
     index: Expr
@@ -139,7 +139,7 @@ class Element(Expr):
 
 @node()
 class Length(Expr):
-    """Length of a bounded list."""
+    """The length of a bounded list."""
 
     target: Expr
 
@@ -163,7 +163,7 @@ class Stmt(Node):
 
 @node()
 class Let(Stmt):
-    """A new temporary; `mutable` ones may be Set later."""
+    """A new temporary; a `Set` may change it later if it is `mutable`."""
 
     name: str
     value: Expr
@@ -172,7 +172,7 @@ class Let(Stmt):
 
 @node()
 class Checked(Stmt):
-    """A new temporary from an operation that may fault; then its value is harmless.
+    """A new temporary from an operation that may fault; after a fault its value is harmless.
 
     int: add sub mul neg abs div mod; to_int (float -> int); narrow (into `type`);
     index (a safe index below `limit`, which is an expression for lists).
@@ -188,7 +188,7 @@ class Checked(Stmt):
 
 @node()
 class Choose(Stmt):
-    """A new temporary of type `type`: number `low + k` (bool, enum, int), k < `count`, picked.
+    """A new temporary of type `type` with value number `low + k`; some k < `count` is chosen.
 
     `ages`: the temporary of the hidden local of a fair choice, which is updated; else None.
     """
@@ -202,7 +202,7 @@ class Choose(Stmt):
 
 @node()
 class Guard(Stmt):
-    """A fault of this kind unless the condition holds."""
+    """A fault of this kind if the condition does not hold."""
 
     condition: Expr
     kind: FaultKind
@@ -210,7 +210,7 @@ class Guard(Stmt):
 
 @node()
 class Call(Stmt):
-    """A new temporary from a function; its faults become the caller's."""
+    """A new temporary with the result of a function, whose faults become the caller's."""
 
     name: str
     function: str
@@ -220,7 +220,7 @@ class Call(Stmt):
 
 @node()
 class Set(Stmt):
-    """Assignment to a mutable temporary, or a part: field indices and safe index expressions."""
+    """An assignment to a mutable temporary, or to the part at `path`: fields and safe indices."""
 
     name: str
     type: Type
@@ -230,7 +230,7 @@ class Set(Stmt):
 
 @node()
 class Push(Stmt):
-    """Append to a bounded list that is (part of) a mutable temporary; faults when full."""
+    """Appends to a bounded list, a mutable temporary or a part of one; a fault if it is full."""
 
     name: str
     type: Type
@@ -240,7 +240,7 @@ class Push(Stmt):
 
 @node()
 class If(Stmt):
-    """Two-way branch; both sides join behind it."""
+    """A branch with two sides, which join behind it."""
 
     condition: Expr
     then: tuple[Stmt, ...]
@@ -259,9 +259,9 @@ class Loop(Stmt):
 
 @node()
 class Publish(Stmt):
-    """Remember a publication: output number `output` of the step.
+    """Remembers a publication on output number `output` of the step.
 
-    With a `limit` it follows the earlier ones of the step; faults where there are `limit` already.
+    With a `limit` it is added behind the earlier ones; it faults if there are `limit` already.
     """
 
     output: int
@@ -282,11 +282,11 @@ class Parameter(Node):
 
 @dataclass(eq=False, repr=False, kw_only=True)
 class Function(Shown):
-    """A pure function; `result` is evaluated at its single exit. `source` binds an extern.
+    """A pure function; `result` is evaluated at its single exit. `source`: an extern's binding.
 
-    `leave`: the flag of having returned, if there is one; once it is set nothing has an effect.
-    `meaning`: of functions that differ only in which operands of comparisons they look at, one
-    name: where they do not fault they have one value.
+    `leave`: name of the flag that the function has returned, if there is one; once it is set no
+    statement has an effect. `meaning`: one name for all functions that differ only in which
+    operands they check for NaN: where these do not fault they have the same value.
     """
 
     name: str
@@ -328,7 +328,7 @@ class Output(Shown):
 
 @dataclass(eq=False, repr=False)
 class Footprint(Shown):
-    """Cells a step may read and write; what the explorer's reduction rests on."""
+    """The cells, modes and stamps that a step may touch; the explorer's reduction rests on it."""
 
     reads: set[Cell] = field(default_factory=set)
     writes: set[Cell] = field(default_factory=set)
@@ -337,13 +337,13 @@ class Footprint(Shown):
 
 
 def output_name(output: int) -> str:
-    """Gives the name of the temporary with what a step publishes as output number `output`."""
+    """Gives the name of the temporary that holds what a step publishes on an output."""
     return f"$out {output}"
 
 
 @dataclass(eq=False, repr=False)
 class ShieldStep(Shown):
-    """Run after the body: the temporary `name` gets the next value of the shield's topic `cell`.
+    """The code after the body; its temporary `name` gets the next value of the topic `cell`.
 
     The statements that compute it fault if AC's commands are not permitted. `proposed`: the cell,
     temporary and type of the topic of proposals; then the statements also move AC's commands.
@@ -372,7 +372,7 @@ class NodeStep(Shown):
 
 @dataclass(eq=False, repr=False)
 class Draw(Shown):
-    """One random leaf: stream, bounds, and how its index follows from the release."""
+    """The random draw of one leaf: its stream, its bounds, and how long a value holds."""
 
     stream: str
     low: float
@@ -382,7 +382,7 @@ class Draw(Shown):
 
 @dataclass(eq=False, repr=False, kw_only=True)
 class PlantStep(Shown):
-    """A plant: choose, integrate (but for the first release), then publish.
+    """A release of a plant: it chooses, integrates (not at its first release), then publishes.
 
     `choose`: statements with the lets that choose, on the states that the step begins with.
     `disturbances`: temporaries, each built from its draws in leaf order. `derivative` is a
@@ -409,7 +409,7 @@ class PlantStep(Shown):
 class Predicate(Shown):
     """A boolean over the state: `value` after `body`.
 
-    `maybe_nan`: some comparisons look at their operands, and a NaN is a fault there.
+    `maybe_nan`: some comparisons check their operands for NaN, which is a fault there.
     """
 
     body: tuple[Stmt, ...]
@@ -427,7 +427,7 @@ class Decision(Shown):
     ttf: Predicate
     safer: Predicate
     goods: tuple[Predicate, ...] = ()
-    """With several plans of SC, in their place: for each whether the estimate is good."""
+    """With several plans of SC, in place of both: for each plan whether the estimate is good."""
 
 
 @dataclass(eq=False, repr=False)

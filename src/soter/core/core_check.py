@@ -81,14 +81,14 @@ def broken_promises(
 
 
 def fits_into(have: Type, want: Type | None) -> bool:
-    """Whether every value of one type is one of the other; of ints by their ranges."""
+    """Whether every value of type `have` is one of type `want`; ints by their ranges."""
     if isinstance(have, IntType) and isinstance(want, IntType):
         return want.low <= have.low and have.high <= want.high
     return have == want
 
 
 def part_types(t: Type, count: int = 0) -> list[Type]:
-    """Gives the types of a value's parts; of a list of `count`, as many as it has room for."""
+    """Gives the types of a value's parts; of a list those of `count` elements, as many as fit."""
     if isinstance(t, RecordType):
         return [f for _, f in t.fields]
     if isinstance(t, ListType):
@@ -102,7 +102,7 @@ def _comparison(left: core.Expr, op: str, right: core.Expr) -> core.Expr:
 
 @dataclass
 class _Body:
-    """The code of one function, step or predicate."""
+    """Checks the code of one function, step or predicate."""
 
     system: System
     functions: Mapping[str, core.Function]
@@ -112,13 +112,13 @@ class _Body:
     mutable: set[str] = field(default_factory=set)
     taken: set[str] = field(default_factory=set)
     facts: set[core.Expr] = field(default_factory=set)
-    """Conditions that hold here, or a fault is remembered."""
+    """Conditions that hold here unless the step has already faulted."""
     outputs: tuple[core.Output, ...] = ()
     pure: bool = False
-    """Whether it sees its parameters alone, as functions do."""
+    """Whether the code may read its parameters only, as functions do."""
 
     def require(self, holds: bool, message: str) -> None:
-        """Adds the message to those of broken promises unless the condition holds."""
+        """Adds the message to the broken promises, unless `holds`."""
         if not holds:
             where = f"{self.span.source.name}:{self.span.line}: " if self.span else ""
             self.found.append(where + message)
@@ -126,7 +126,7 @@ class _Body:
     # ------------------------------------------------------------ functions, steps, predicates
 
     def check_function(self, f: core.Function) -> None:
-        """Checks a function, which sees its parameters alone and has one exit."""
+        """Checks a function, which reads its parameters only and has one exit."""
         self.pure, self.span = True, f.span
         for p in f.parameters:
             self.define_temporary(p.name, p.type)
@@ -291,7 +291,7 @@ class _Body:
     # ------------------------------------------------------------ expressions
 
     def check_value(self, e: core.Expr, t: Type | None) -> None:
-        """Checks that an expression is a value of type `t`; None: `t` was not to be found."""
+        """Checks that an expression has type `t`; None: no type was found, which is an error."""
         self.check_expr(e)
         if isinstance(e, core.Expr):
             ints = isinstance(e.type, IntType) and isinstance(t, IntType)
@@ -393,7 +393,7 @@ class _Body:
     # ------------------------------------------------------------ one exit
 
     def may_have_left(self, statements: tuple[core.Stmt, ...], leave: str, *, left: bool) -> bool:
-        """Whether the function may have returned after these statements; then none acts."""
+        """Whether the function may have returned after these statements; checks those behind."""
         still_here = core.Unary(BOOL, "not", core.Var(BOOL, leave))
         for s in statements:
             if isinstance(s, core.If):

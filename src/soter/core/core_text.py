@@ -109,7 +109,7 @@ class _Text:
         return self._text_of_parts_or_literal(e)
 
     def whole_text(self, e: core.Expr) -> str:
-        """Gives the text of an expression that stands alone, without parentheses around it."""
+        """Gives the text of an expression without parentheses around the whole."""
         text = self.expr_text(e)
         return text[1:-1] if isinstance(e, (core.Binary, core.Select)) else text
 

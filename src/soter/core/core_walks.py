@@ -1,9 +1,9 @@
-"""Finds by walks over Core what a piece of code touches.
+"""Finds, by walks over Core, which parts of the state a piece of code touches.
 
-Purpose: `footprint_of` finds the topics, locals, states, modes and stamps that a step reads, on
-which reduction in the explorer and the frame of a proof rest; what it writes follows from its
-outputs (`written_topics`) and locals. `operations` is a rough measure by which campaigns decide
-what is worth a test at run time.
+Purpose: `footprint_of` finds the topics, locals, states, modes and stamps that a step reads.
+Reduction in the explorer and the frame of a proof rest on it. What a step writes follows from its
+outputs (`cells_of_publication`) and locals. `operations` roughly measures what code costs, by which
+campaigns decide what is worth a test at run time.
 Non-goals: alias analysis (cells are whole topics, locals and states); times; the cost of a step
 that a program may have (`language/model/tree_walk.py`); Core over other values (`execution.py`).
 """
@@ -82,14 +82,14 @@ def written_names(statements: tuple[core.Stmt, ...]) -> set[str]:
     return names
 
 
-def written_topics(system: System, topic: int) -> list[core.Cell]:
+def cells_of_publication(system: System, topic: int) -> list[core.Cell]:
     """Gives the cells that a publication changes: the topic and the queues behind it."""
     indices = (topic, *system.topics[topic].queues)
     return [core.Cell("topic", i, system.topics[i].name) for i in indices]
 
 
 def outputs_always_published(code: tuple[core.Stmt, ...]) -> set[int]:
-    """Gives the outputs that every way through a step publishes."""
+    """Gives the numbers of the outputs that a step publishes whichever branches it takes."""
     outputs: set[int] = set()
     for s in code:
         if isinstance(s, core.Publish):
@@ -100,7 +100,7 @@ def outputs_always_published(code: tuple[core.Stmt, ...]) -> set[int]:
 
 
 def operations_by_name(functions: tuple[Function, ...]) -> dict[str, int]:
-    """Gives function name -> operations; called functions come before their callers."""
+    """Gives function name -> its `operations`; `functions` has callees before their callers."""
     known: dict[str, int] = {}
     for f in functions:
         known[f.name] = operations(f.body, known)
@@ -108,7 +108,7 @@ def operations_by_name(functions: tuple[Function, ...]) -> dict[str, int]:
 
 
 def operations(body: tuple[Stmt, ...], known: dict[str, int]) -> int:
-    """Gives about how many expressions a body evaluates at most; `known` has the functions'."""
+    """Gives about how many expressions a body evaluates at most; `known`: those of functions."""
     count = 0
     for s in body:
         if isinstance(s, Loop):

@@ -49,7 +49,7 @@ class Frame(Generic[V]):
     outputs: dict[int, Output[V]] = field(default_factory=dict)
 
     def copy(self) -> Frame[V]:
-        """A copy of the frame for one side of a branch."""
+        """Gives a copy of the frame, for one side of a branch."""
         return Frame(dict(self.variables), self.types, dict(self.outputs))
 
 
@@ -73,35 +73,35 @@ class Execution(ABC, Generic[V]):
     # ------------------------------------------------------------ statements
 
     def run(self, statements: tuple[core.Stmt, ...]) -> None:
-        """Executes statements; raises `TooManyStatementsError`."""
+        """Runs statements; raises `TooManyStatementsError`."""
         for s in statements:
             self.left -= 1
             if self.left < 0:
                 raise TooManyStatementsError
-            self._execute_statement(s)
+            self._run_statement(s)
 
-    def _execute_statement(self, s: core.Stmt) -> None:
+    def _run_statement(self, s: core.Stmt) -> None:
         if isinstance(s, core.Let):
             self.bind(s.name, s.value.type, self.expr(s.value))
         elif isinstance(s, core.Checked):
             operands = [self.expr(o) for o in s.operands]
             limit = None if s.limit is None else self.expr(s.limit)
-            self.bind(s.name, s.type, self._checked(s, operands, limit))
+            self.bind(s.name, s.type, self._checked_value(s, operands, limit))
         elif isinstance(s, core.Choose):
-            self.bind(s.name, s.type, self._choose(s))
+            self.bind(s.name, s.type, self._chosen_value(s))
         elif isinstance(s, core.Guard):
             self._guard(self.expr(s.condition))
         elif isinstance(s, core.Call):
             arguments = tuple([self.expr(a) for a in s.arguments])
-            self.bind(s.name, s.type, self.call(self.functions[s.function], arguments))
+            self.bind(s.name, s.type, self.result_of(self.functions[s.function], arguments))
         elif isinstance(s, (core.Set, core.Push)):
             path = [p if isinstance(p, int) else self.expr(p) for p in s.path]
             old = self.frame.variables[s.name]
-            self.bind(s.name, s.type, self._changed(s, old, path, self.expr(s.value)))
+            self.bind(s.name, s.type, self._with_part(s, old, path, self.expr(s.value)))
         elif isinstance(s, core.If):
-            self._execute_if(s)
+            self._run_if(s)
         elif isinstance(s, core.Loop):
-            self._loop(s)
+            self._run_loop(s)
         else:
             assert isinstance(s, core.Publish), s
             self._publish(s, self.expr(s.value))
@@ -109,7 +109,7 @@ class Execution(ABC, Generic[V]):
     def _publish(self, s: core.Publish, value: V) -> None:
         self.frame.outputs[s.output] = (self.expr(YES), value, s.value.type)
 
-    def call(self, f: core.Function, arguments: tuple[V, ...]) -> V:
+    def result_of(self, f: core.Function, arguments: tuple[V, ...]) -> V:
         """Gives the result of a function of the program by executing its body."""
         assert f.result is not None
         outer, self.frame = self.frame, Frame()
@@ -120,14 +120,14 @@ class Execution(ABC, Generic[V]):
         self.frame = outer
         return result
 
-    def _loop(self, s: core.Loop) -> None:
+    def _run_loop(self, s: core.Loop) -> None:
         for k in range(s.low, s.high):
             self.bind(s.variable, INT, self.expr(core.Const(INT, k)))
             self.run(s.body)
 
-    def _execute_if(self, s: core.If) -> None:
+    def _run_if(self, s: core.If) -> None:
         condition = self._branch_condition(self.expr(s.condition))
-        known = self._known(condition)
+        known = self._decided_truth(condition)
         if known is not None:
             self.run(s.then if known else s.otherwise)
             return
@@ -138,35 +138,35 @@ class Execution(ABC, Generic[V]):
         )
 
     def _branch_condition(self, condition: V) -> V:
-        """The form of a condition that both sides of a branch and their join use."""
+        """Gives the form of a condition that both sides of a branch and their join use."""
         return condition
 
     def _run_where(self, _: core.Expr, body: tuple[core.Stmt, ...], *, truth: bool) -> None:  # noqa: ARG002
-        """Execute one side of a branch, on which the condition is `truth`."""
+        """Runs the body of one side of a branch, where the condition is `truth`."""
         self.run(body)
 
     def branch(self, condition: V, then: Callable[[], None], otherwise: Callable[[], None]) -> None:
-        """Execute both sides on copies of the frame, and join these afterwards."""
+        """Runs both sides on copies of the frame, and joins the copies afterwards."""
         before, where = self.frame, self.where
         ends, sides = [], []
         for truth, action in ((True, then), (False, otherwise)):
-            self.frame, self.where = before.copy(), self._reached(where, condition, truth)
+            self.frame, self.where = before.copy(), self._where_in_side(where, condition, truth)
             action()
             ends.append(self.frame)
             sides.append(self.where)
         self.frame, self.where = before.copy(), where
         yes, no = ends
-        join = self._join(condition, *sides)
+        join = self._join_function(condition, *sides)
         for name in before.variables:
             a, b = yes.variables[name], no.variables[name]
             self.frame.variables[name] = a if a is b else join(a, b, before.types[name])
         for k in {**yes.outputs, **no.outputs}:
-            self.frame.outputs[k] = self._output(yes.outputs.get(k), no.outputs.get(k), join)
+            self.frame.outputs[k] = self._joined_output(yes.outputs.get(k), no.outputs.get(k), join)
 
-    def _output(
+    def _joined_output(
         self, then: Output[V] | None, otherwise: Output[V] | None, join: Join[V]
     ) -> Output[V]:
-        """The output after a branch, from what one side or both have published."""
+        """Gives an output after a branch, from those of its sides; None: not published there."""
         one = then or otherwise
         assert one is not None
         value = join(then and then[1], otherwise and otherwise[1], one[2])
@@ -176,51 +176,51 @@ class Execution(ABC, Generic[V]):
     # ------------------------------------------------------------ expressions
 
     def expr(self, e: core.Expr) -> V:
-        """The value of an expression."""
+        """Gives the value of an expression."""
         if isinstance(e, core.Var):
             return self.frame.variables[e.name]
         if isinstance(e, core.Select):
             condition = self.expr(e.condition)
-            known = self._known(condition)
+            known = self._decided_truth(condition)
             if known is not None:
                 return self.expr(e.then if known else e.otherwise)
-            return self._operation(e, condition, self.expr(e.then), self.expr(e.otherwise))
+            return self._operation_value(e, condition, self.expr(e.then), self.expr(e.otherwise))
         if isinstance(e, core.Unary):
-            return self._operation(e, self.expr(e.operand))
+            return self._operation_value(e, self.expr(e.operand))
         if isinstance(e, (core.Binary, core.Extreme)):
-            return self._operation(e, self.expr(e.left), self.expr(e.right))
+            return self._operation_value(e, self.expr(e.left), self.expr(e.right))
         if isinstance(e, (core.Field, core.Length)):
-            return self._operation(e, self.expr(e.target))
+            return self._operation_value(e, self.expr(e.target))
         if isinstance(e, core.Element):
-            return self._operation(e, self.expr(e.target), self.expr(e.index))
+            return self._operation_value(e, self.expr(e.target), self.expr(e.index))
         if isinstance(e, (core.Const, core.Get, core.Fact)):
-            return self._operation(e)
+            return self._operation_value(e)
         assert isinstance(e, core.Make), e
-        return self._operation(e, *[self.expr(x) for x in e.elements])
+        return self._operation_value(e, *[self.expr(x) for x in e.elements])
 
     # ------------------------------------------------------------ the domain
 
     @abstractmethod
-    def _operation(self, e: core.Expr, *operands: V) -> V:
-        """The value of an expression but a `Var`, from those of its parts in their order."""
+    def _operation_value(self, e: core.Expr, *operands: V) -> V:
+        """Gives the value of an expression, no `Var`, from the values of its parts in order."""
 
     @abstractmethod
-    def _known(self, condition: V) -> bool | None:
-        """The truth of a condition where it is decided."""
+    def _decided_truth(self, condition: V) -> bool | None:
+        """Gives the truth of a condition; None if it is not decided."""
 
     @abstractmethod
-    def _reached(self, where: Any, condition: V, truth: bool) -> Any:  # noqa: ANN401
-        """Gives `where` inside one side of a branch."""
+    def _where_in_side(self, where: Any, condition: V, truth: bool) -> Any:  # noqa: ANN401
+        """Gives the `where` inside the side of a branch on which the condition is `truth`."""
 
     @abstractmethod
-    def _join(self, condition: V, *where: Any) -> Join[V]:  # noqa: ANN401
+    def _join_function(self, condition: V, *where: Any) -> Join[V]:  # noqa: ANN401
         """Gives the function that joins the values of both sides, each with its `where`."""
 
     @abstractmethod
-    def _checked(self, s: core.Checked, operands: list[V], limit: V | None) -> V: ...
+    def _checked_value(self, s: core.Checked, operands: list[V], limit: V | None) -> V: ...
     @abstractmethod
-    def _choose(self, s: core.Choose) -> V: ...
+    def _chosen_value(self, s: core.Choose) -> V: ...
     @abstractmethod
     def _guard(self, condition: V) -> None: ...
     @abstractmethod
-    def _changed(self, s: core.Set | core.Push, old: V, path: list[int | V], value: V) -> V: ...
+    def _with_part(self, s: core.Set | core.Push, old: V, path: list[int | V], value: V) -> V: ...

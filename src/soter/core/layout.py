@@ -63,40 +63,40 @@ RESERVED = "reserved"
 
 @dataclass(frozen=True)
 class Fixed:
-    """A struct of `runtime/soter.h` that every state has: (name, numpy format, count) in order."""
+    """A struct of `runtime/soter.h` in every state; fields: (name, numpy format, count)."""
 
     fields: tuple[tuple[str, str, int], ...]
 
     @cached_property
-    def image(self) -> struct.Struct:
-        """Gives the Python struct that packs it."""
-        parts = [self._format(*f) for f in self.fields]
+    def packer(self) -> struct.Struct:
+        """Gives the Python struct that packs and unpacks the fields."""
+        parts = [self._field_format(*f) for f in self.fields]
         return struct.Struct("<" + "".join(parts))
 
-    def _format(self, name: str, numpy: str, count: int) -> str:
+    def _field_format(self, name: str, numpy: str, count: int) -> str:
         one = FORMATS[numpy]
         return f"{struct.calcsize(one) * count}x" if name == RESERVED else one * count
 
     @property
     def size(self) -> int:
         """Gives the size of the struct in bytes."""
-        return self.image.size
+        return self.packer.size
 
     def dtype(self) -> Any:  # noqa: ANN401 - numpy's dtype constructor argument
-        """Gives the fields for a numpy dtype."""
+        """Gives the list of fields from which numpy makes a dtype."""
         return [(n, t) if count == 1 else (n, t, (count,)) for n, t, count in self.fields]
 
     def pack_into(self, buffer: bytearray, offset: int, **values: int) -> None:
-        """Writes one such struct; `values` has every field by name, but no reserved ones."""
-        assert len(values) == len(self._names), values.keys() ^ set(self._names)
-        self.image.pack_into(buffer, offset, *[values[name] for name in self._names])
+        """Writes the struct at an offset; `values` has every field by name but reserved ones."""
+        assert len(values) == len(self._value_names), values.keys() ^ set(self._value_names)
+        self.packer.pack_into(buffer, offset, *[values[name] for name in self._value_names])
 
     def unpack_from(self, buffer: bytes, offset: int) -> dict[str, int]:
-        """Gives name -> value of every field but reserved ones."""
-        return dict(zip(self._names, self.image.unpack_from(buffer, offset), strict=True))
+        """Gives name -> value of every field but reserved ones, read at an offset."""
+        return dict(zip(self._value_names, self.packer.unpack_from(buffer, offset), strict=True))
 
     @cached_property
-    def _names(self) -> tuple[str, ...]:
+    def _value_names(self) -> tuple[str, ...]:
         return tuple([name for name, _, _ in self.fields if name != RESERVED])
 
 
@@ -155,7 +155,7 @@ class Scalar:
 
 @cache
 def scalar(t: Type) -> Scalar | None:
-    """Gives how a scalar type is stored, None for aggregates."""
+    """Gives the storage of a scalar type; None for records, arrays and lists."""
     if isinstance(t, FloatType):
         return Scalar("d", 8, "double", "<f8")
     if isinstance(t, BoolType):
@@ -227,7 +227,7 @@ def struct_of(t: Type) -> Struct:
 
 @cache
 def size_of(t: Type) -> int:
-    """Gives the bytes of a stored value."""
+    """Gives how many bytes a stored value of the type has."""
     s = scalar(t)
     if s is not None:
         return s.size
@@ -265,14 +265,14 @@ def placed_leaves(t: Type, offset: int = 0) -> Iterator[tuple[tuple[str, ...], T
         yield (), t, offset
 
 
-def _places_of_list(t: ListType) -> tuple[int, int]:
+def _offsets_in_list(t: ListType) -> tuple[int, int]:
     """Gives the offsets of a list's items and of its length."""
     at = {m.name: m.offset for m in struct_of(t).members}
     return at["items"], at["len"]
 
 
 def encode_into(buffer: bytearray, offset: int, t: Type, value: Value) -> None:
-    """Writes a value's image into a buffer that is zero there."""
+    """Writes the bytes of a value into a buffer, which is zero there."""
     s = scalar(t)
     if s is not None:
         if isinstance(t, FloatType) and value != value:  # noqa: PLR0124 - NaN is stored canonically
@@ -288,13 +288,13 @@ def encode_into(buffer: bytearray, offset: int, t: Type, value: Value) -> None:
             encode_into(buffer, offset + i * step, t.element, element)
     else:
         assert isinstance(t, ListType)
-        items, length = _places_of_list(t)
+        items, length = _offsets_in_list(t)
         encode_into(buffer, offset + items, ArrayType(t.element, t.capacity), value)
         struct.pack_into("<i", buffer, offset + length, len(value))
 
 
 def image_of_members(layout: Struct, values: Mapping[str, Value]) -> bytes:
-    """Gives the image, at least one byte, of a struct with these values; other members are 0."""
+    """Gives the bytes, at least one, of a struct with these values; other members are 0."""
     image = bytearray(max(layout.size, 1))
     for member in layout.members:
         if member.name in values:
@@ -303,26 +303,26 @@ def image_of_members(layout: Struct, values: Mapping[str, Value]) -> bytes:
 
 
 def image_of_table(t: ArrayType | ListType, value: Table) -> bytes:
-    """Gives the image of a table."""
+    """Gives the bytes by which a table is stored."""
     if isinstance(t, ArrayType) and isinstance(t.element, IntType) and sys.byteorder == "little":
         stored = scalar(t.element)
         assert stored is not None
         return struct.pack(f"<{t.size}{stored.format}", *memoryview(value.packed).cast("q"))
-    if not value.of_floats or len(value) * size_of(t.element) != len(value.packed):
+    if not value.has_only_floats or len(value) * size_of(t.element) != len(value.packed):
         whole = bytearray(size_of(t))
         encode_into(whole, 0, t, value)
         return bytes(whole)
     if isinstance(t, ArrayType):
         return value.packed
     whole = bytearray(size_of(t))
-    items, length = _places_of_list(t)
+    items, length = _offsets_in_list(t)
     struct.pack_into("<i", whole, length, len(value))
     whole[items : items + len(value.packed)] = value.packed
     return bytes(whole)
 
 
 def decode_from(buffer: Any, offset: int, t: Type) -> Value:  # noqa: ANN401 - any buffer
-    """Reads a value from its image. ValueError for a list longer than its type permits."""
+    """Gives the value stored at an offset; ValueError if a list is longer than its type."""
     s = scalar(t)
     if s is not None:
         value = struct.unpack_from("<" + s.format, buffer, offset)[0]
@@ -336,7 +336,7 @@ def decode_from(buffer: Any, offset: int, t: Type) -> Value:  # noqa: ANN401 - a
         step = size_of(t.element)
         return tuple(decode_from(buffer, offset + i * step, t.element) for i in range(t.size))
     assert isinstance(t, ListType)
-    items, length = _places_of_list(t)
+    items, length = _offsets_in_list(t)
     n = struct.unpack_from("<i", buffer, offset + length)[0]
     if not 0 <= n <= t.capacity:
         raise ValueError(f"a length of {n} in `{t}`")
@@ -344,7 +344,7 @@ def decode_from(buffer: Any, offset: int, t: Type) -> Value:  # noqa: ANN401 - a
 
 
 def numpy_dtype(t: Type) -> Any:  # noqa: ANN401 - numpy's dtype constructor argument
-    """Gives the numpy dtype, or what makes one, of values of a type as they are stored."""
+    """Gives the numpy dtype of the stored values of a type."""
     import numpy as np  # noqa: PLC0415 - only traces need numpy
 
     s = scalar(t)
@@ -400,14 +400,14 @@ class StateLayout:
         return group.offset + next(m.offset for m in group.struct.members if m.index == index)
 
     def member(self, owner: int, index: int) -> tuple[int, Type]:
-        """Gives offset and type of local or state number `index` of a component."""
+        """Gives the offset and the type of a component's local, or state, number `index`."""
         group = next(g for g in self.groups if g.owner == owner)
         m = next(m for m in group.struct.members if m.index == index)
         return group.offset + m.offset, m.type
 
 
 def state_layout(system: System) -> StateLayout:
-    """Lays out the state of a system."""
+    """Gives the layout of a system's state."""
     component_offset = HEADER.size
     module_offset = component_offset + len(system.components) * COMPONENT.size
     property_offset = module_offset + len(system.modules) * MODULE.size
@@ -440,27 +440,27 @@ def state_layout(system: System) -> StateLayout:
 FIXED_FIELDS = ("header", "components", "modules", "properties", "stamps", "topics")
 
 
-def group_field(group: StructGroup) -> str:
-    """Gives the dtype's field of a group: its name, or `header_` for one called `header`."""
+def field_name_of_group(group: StructGroup) -> str:
+    """Gives the name of a group in the dtype: its own, or `header_` if it is called `header`."""
     taken = group.owner >= 0 and group.name.rstrip("_") in FIXED_FIELDS
     return f"{group.name}_" if taken else group.name
 
 
 def ac_share(state: Any, module: int) -> float:  # noqa: ANN401 - a record of `state_dtype`
-    """Gives which share of the time, up to the last instant, a module was in mode AC."""
+    """Gives the share of time, 0 to 1, up to the last instant, in which a module was in AC."""
     row, end = state["modules"][module], int(state["header"]["ct"])
     ac_ns = int(row["ac_ns"]) + (end - int(row["mode_since"]) if row["mode"] else 0)
     return ac_ns / end if end > 0 else 0.0
 
 
 def state_dtype(layout: StateLayout) -> np.dtype[Any]:
-    """The numpy dtype of the state: header, components, modules, properties, stamps, groups."""
+    """Gives the state's numpy dtype: header, components, modules, properties, stamps, groups."""
     import numpy as np  # noqa: PLC0415 - only traces need numpy
 
     groups = [g for g in layout.groups if g.struct.members]
     return np.dtype(
         {
-            "names": [*FIXED_FIELDS[:5], *map(group_field, groups)],
+            "names": [*FIXED_FIELDS[:5], *map(field_name_of_group, groups)],
             "formats": [
                 np.dtype(HEADER.dtype()),
                 np.dtype((np.dtype(COMPONENT.dtype()), (layout.components,))),

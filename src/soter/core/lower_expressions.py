@@ -1,4 +1,4 @@
-"""Lower typed expressions to Core, into the current block; types and vector values in Core.
+"""Lowers typed expressions to Core, into the current block; types and vector values in Core.
 
 Purpose: the strict order from left to right made explicit: whatever may fault becomes a statement,
 the rest stays a pure expression; names and blocks; records and arrays leaf by leaf.
@@ -56,7 +56,7 @@ def positions_and_types(t: Type) -> list[tuple[tuple[int, ...], Type]]:
 
 
 def select(e: core.Expr, path: tuple[int, ...]) -> core.Expr:
-    """Gives the part of `e` at constant positions of fields and elements."""
+    """Gives the part of `e` at a path of constant positions of fields and elements."""
     for i in path:
         t = e.type
         if isinstance(e, core.Make):
@@ -90,7 +90,7 @@ class Functions(Protocol):
 
     by_name: dict[str, core.Function]
 
-    def require(
+    def lowered_function(
         self,
         fun: typed.FunSymbol,
         params: Mapping[typed.ParamSymbol, Value],
@@ -119,7 +119,7 @@ class ExpressionBuilder:
         self.period_ns = 0
         self.can_fault = False
         self.maybe_nan: frozenset[typed.TypedExpr] = frozenset()
-        """Operands of comparisons that are looked at: in `ttf` and `safer` a NaN is a fault."""
+        """Compared operands that are checked for NaN, which is a fault in `ttf` and `safer`."""
         self.published: dict[typed.TopicSymbol, tuple[int | None, str]] = {}
         """Topics that read as what the step publishes: the output's number (None: surely
         published), and the temporary that has it."""
@@ -164,13 +164,13 @@ class ExpressionBuilder:
         return block
 
     def let(self, span: Span, base: str, value: core.Expr, *, mutable: bool = False) -> core.Var:
-        """Emits a new temporary that holds `value`."""
+        """Emits a new temporary that holds `value`, and gives it."""
         name = self.unused_name(base)
         self.emit(core.Let(span, name, value, mutable))
         return core.Var(value.type, name)
 
     def atom(self, e: core.Expr, span: Span, base: str = "t") -> core.Expr:
-        """Gives the same value as an expression that costs nothing to repeat."""
+        """Gives an expression for the value of `e` that may be repeated: a temporary if needed."""
         probe = e
         while isinstance(probe, core.Field):
             probe = probe.target
@@ -181,7 +181,7 @@ class ExpressionBuilder:
     # ------------------------------------------------------------ expressions
 
     def expr(self, e: typed.TypedExpr) -> core.Expr:
-        """Gives a pure Core expression; it has emitted statements for what may fault."""
+        """Gives a pure Core expression for `e`; statements are emitted for what may fault."""
         method = getattr(self, "_lower_" + type(e).__name__.removeprefix("Typed").lower())
         result = method(e)
         assert isinstance(result, core.Expr)
@@ -203,7 +203,7 @@ class ExpressionBuilder:
         return core.Cell("topic", index, self.system.topics[index].name)
 
     def _lower_topicread(self, e: typed.TopicRead) -> core.Expr:
-        """The value of a topic; after a step's body, the step's publication if there is one."""
+        """Gives the value of a topic; after a step's body what the step published, if anything."""
         old = core.Get(e.type, self.topic_cell(e.topic))
         new = self.published.get(e.topic)
         if new is None or new[0] is None:
@@ -224,28 +224,28 @@ class ExpressionBuilder:
         return core.Fact(e.type, "mode", self.scope.modules[e.module])
 
     def _lower_marginread(self, e: typed.MarginRead) -> core.Expr:
-        """(looks * period - late - age) / 1e9 in mode AC where that is positive, else 0.
+        """Gives (looks * period - late - age) / 1e9 in mode AC if that is positive, else 0.
 
-        In whole ns, which floats hold exactly: a period is below 2^53 ns.
+        It is computed in whole ns, which floats hold exactly: a period is below 2^53 ns.
         """
         assert self.scope is not None
         module = self.system.modules[self.scope.modules[e.module]]
         assert module.looked is not None, module.name
         topic = self.system.topics[module.looked]
 
-        def op(name: str, left: core.Expr, right: float | core.Expr) -> core.Expr:
+        def infix(name: str, left: core.Expr, right: float | core.Expr) -> core.Expr:
             other = core.Const(FLOAT, right) if isinstance(right, float) else right
             return core.Binary(BOOL if name == ">" else FLOAT, name, left, other)
 
         looks = core.Get(topic.type, core.Cell("topic", topic.index, topic.name))
-        room = op("*", core.Unary(FLOAT, "to_float", looks), float(module.period_ns))
+        room = infix("*", core.Unary(FLOAT, "to_float", looks), float(module.period_ns))
         seconds = core.Fact(FLOAT, "age", topic.index)
-        age = core.Unary(FLOAT, "floor", op("+", op("*", seconds, 1e9), 0.5))
-        left = self.atom(op("-", op("-", room, float(module.late_ns)), age), e.span, "left")
+        age = core.Unary(FLOAT, "floor", infix("+", infix("*", seconds, 1e9), 0.5))
+        left = self.atom(infix("-", infix("-", room, float(module.late_ns)), age), e.span, "left")
         mode = core.Fact(MODE, "mode", module.index)
         in_ac = core.Binary(BOOL, "==", mode, core.Const(MODE, MODE.members.index("AC")))
-        some = core.Binary(BOOL, "&&", in_ac, op(">", left, 0.0))
-        return core.Select(FLOAT, some, op("/", left, 1e9), core.Const(FLOAT, 0.0))
+        some = core.Binary(BOOL, "&&", in_ac, infix(">", left, 0.0))
+        return core.Select(FLOAT, some, infix("/", left, 1e9), core.Const(FLOAT, 0.0))
 
     def _lower_incontrol(self, e: typed.InControl) -> core.Expr:
         return core.Fact(e.type, "in_control")
@@ -266,13 +266,13 @@ class ExpressionBuilder:
         if e.op == "!":
             return core.Unary(BOOL, "not", operand)
         if isinstance(e.type, IntType):
-            return self._checked(e.span, "neg", INT, (operand,))
+            return self._emit_checked(e.span, "neg", INT, (operand,))
         if isinstance(e.type, FloatType):
             return core.Unary(FLOAT, "neg", operand)
         source = self.atom(operand, e.span, "v")
         return rebuild(e.type, lambda p: core.Unary(FLOAT, "neg", select(source, p)))
 
-    def _checked(
+    def _emit_checked(
         self,
         span: Span,
         op: str,
@@ -286,27 +286,27 @@ class ExpressionBuilder:
 
     def _lower_binary(self, e: typed.TypedBinary) -> core.Expr:
         if e.op in {"&&", "||"}:
-            return self._short_circuit(e)
+            return self._lower_short_circuit(e)
         if e.type == BOOL:
-            return core.Binary(BOOL, e.op, self._compared(e.left), self._compared(e.right))
+            return core.Binary(BOOL, e.op, self._non_nan(e.left), self._non_nan(e.right))
         left = self.expr(e.left)
         right = self.expr(e.right)
         if isinstance(e.type, (IntType, DurationType)):
-            return self._checked(e.span, INT_OPS[e.op], INT, (left, right))
+            return self._emit_checked(e.span, INT_OPS[e.op], INT, (left, right))
         if e.op == "/":
             right = self._nonzero_divisor(right, e.right.span)
         return core.Binary(FLOAT, e.op, left, right)
 
-    def _compared(self, operand: typed.TypedExpr) -> core.Expr:
-        """Gives an operand of a comparison; a check for NaN was emitted if it may be NaN."""
+    def _non_nan(self, operand: typed.TypedExpr) -> core.Expr:
+        """Gives an operand of a comparison; emits a check, which faults, if it may be NaN."""
         value = self.expr(operand)
         if operand not in self.maybe_nan:
             return value
         if isinstance(operand.type, FloatType):
-            return self._checked(operand.span, "number", FLOAT, (value,))
+            return self._emit_checked(operand.span, "number", FLOAT, (value,))
         value = self.atom(value, operand.span, "v")
         for path, _ in positions_and_types(operand.type):
-            self._checked(operand.span, "number", FLOAT, (select(value, path),))
+            self._emit_checked(operand.span, "number", FLOAT, (select(value, path),))
         return value
 
     def _nonzero_divisor(self, right: core.Expr, span: Span) -> core.Expr:
@@ -317,7 +317,7 @@ class ExpressionBuilder:
         self.emit(core.Guard(span, nonzero, FaultKind.DIVIDE))
         return right
 
-    def _short_circuit(self, e: typed.TypedBinary) -> core.Expr:
+    def _lower_short_circuit(self, e: typed.TypedBinary) -> core.Expr:
         left = self.expr(e.left)
         if isinstance(left, core.Const):
             return self.expr(e.right) if left.value == (e.op == "&&") else left
@@ -341,12 +341,12 @@ class ExpressionBuilder:
             right = self.atom(right_value, e.right.span, "b")
         left_is_scalar = isinstance(e.left.type, FloatType)
 
-        def leaf(path: tuple[int, ...]) -> core.Expr:
+        def leaf_of_vector(path: tuple[int, ...]) -> core.Expr:
             a = left if left_is_scalar else select(left, path)
             b = right if right_is_scalar else select(right, path)
             return core.Binary(FLOAT, e.op, a, b)
 
-        return rebuild(e.type, leaf)
+        return rebuild(e.type, leaf_of_vector)
 
     def _lower_conditional(self, e: typed.Conditional) -> core.Expr:
         condition = self.expr(e.condition)
@@ -367,22 +367,22 @@ class ExpressionBuilder:
 
     def _lower_call(self, e: typed.TypedCall) -> core.Expr:
         arguments = tuple(self.expr(a) for a in e.arguments)
-        function = self.functions.require(e.fun, self.params, self.maybe_nan)
+        function = self.functions.lowered_function(e.fun, self.params, self.maybe_nan)
         name = self.unused_name(e.fun.name.rsplit(".", 1)[-1].lower())
         self.emit(core.Call(e.span, name, function.name, arguments, e.type))
         return core.Var(e.type, name)
 
     def _lower_builtin(self, e: typed.Builtin) -> core.Expr:
         if e.name == "seconds":
-            return self._seconds(self.expr(e.arguments[0]))
-        looked_at = e.name in {"min", "max", "saturate"}
-        arguments = [self._compared(a) if looked_at else self.expr(a) for a in e.arguments]
+            return self._seconds_of_ns(self.expr(e.arguments[0]))
+        compares = e.name in {"min", "max", "saturate"}
+        arguments = [self._non_nan(a) if compares else self.expr(a) for a in e.arguments]
         first = arguments[0]
         if e.name in {"sqrt", "floor"}:
             return core.Unary(FLOAT, e.name, first)
         if e.name == "abs":
             if isinstance(e.type, IntType):
-                return self._checked(e.span, "abs", INT, (first,))
+                return self._emit_checked(e.span, "abs", INT, (first,))
             return core.Unary(FLOAT, "abs", first)
         if e.name in {"min", "max"}:
             a = self.atom(first, e.span, "a")
@@ -395,7 +395,7 @@ class ExpressionBuilder:
         if e.name == "int":
             if isinstance(first.type, IntType):
                 return first
-            return self._checked(e.span, "to_int", INT, (first,))
+            return self._emit_checked(e.span, "to_int", INT, (first,))
         if e.name == "dot":
             return self._dot(self.atom(first, e.span, "a"), self.atom(arguments[1], e.span, "b"))
         if e.name == "norm":
@@ -406,13 +406,13 @@ class ExpressionBuilder:
         limit = self.atom(arguments[1], e.span, "limit")
         low = self.atom(core.Unary(FLOAT, "neg", limit), e.span, "low")
 
-        def leaf(path: tuple[int, ...]) -> core.Expr:
+        def saturated_leaf(path: tuple[int, ...]) -> core.Expr:
             raised = self.let(e.span, "r", core.Extreme(FLOAT, "max", select(v, path), low))
             return core.Extreme(FLOAT, "min", raised, limit)
 
-        return rebuild(e.type, leaf)
+        return rebuild(e.type, saturated_leaf)
 
-    def _seconds(self, ns: core.Expr) -> core.Expr:
+    def _seconds_of_ns(self, ns: core.Expr) -> core.Expr:
         if isinstance(ns, core.Const):
             return core.Const(FLOAT, float(ns.value) / 1e9, ns.name)
         whole = core.Unary(FLOAT, "to_float", ns)
@@ -440,20 +440,20 @@ class ExpressionBuilder:
         return core.Element(e.type, target, index)
 
     def _indexable(self, e: core.Expr, span: Span) -> core.Expr:
-        """Gives an expression that can be indexed in place: a temporary, a cell, or a part."""
+        """Gives `e` if it can be indexed as it is, else a new temporary that holds its value."""
         probe = e
         while isinstance(probe, (core.Field, core.Element)):
             probe = probe.target
         return e if isinstance(probe, (core.Var, core.Get, core.Const)) else self.let(span, "v", e)
 
     def index_inside(self, target: core.Expr, index: core.Expr, span: Span) -> core.Expr:
-        """Gives an index that is surely inside; a fault was emitted for a wrong `index`."""
+        """Gives an index that is surely inside; emits a check that faults for a wrong `index`."""
         t = target.type
         if isinstance(t, ArrayType):
             if isinstance(index, core.Const) and 0 <= index.value < t.size:
                 return index
-            return self._checked(span, "index", INT, (index,), core.Const(INT, t.size))
-        return self._checked(span, "index", INT, (index,), core.Length(INT, target))
+            return self._emit_checked(span, "index", INT, (index,), core.Const(INT, t.size))
+        return self._emit_checked(span, "index", INT, (index,), core.Length(INT, target))
 
     def _lower_length(self, e: typed.TypedLength) -> core.Expr:
         return core.Length(INT, self._indexable(self.expr(e.target), e.span))
@@ -468,7 +468,7 @@ class ExpressionBuilder:
         return core.Make(e.type, tuple(values))
 
     def _lower_choose(self, e: typed.TypedChoose) -> core.Expr:
-        """Lowers the options, left to right, and then the choice, also of one option."""
+        """Gives the choice; emits the options from left to right, and then the choice itself."""
         options = [self.atom(self.expr(o), o.span, "option") for o in e.options]
         ages = None if e.ages is None else self.names[e.ages]
         t = INT if options else core_type(e.type)
@@ -490,4 +490,4 @@ class ExpressionBuilder:
         assert isinstance(want, IntType)
         if want.low <= have.low and have.high <= want.high:
             return operand
-        return self._checked(e.span, "narrow", e.type, (operand,))
+        return self._emit_checked(e.span, "narrow", e.type, (operand,))

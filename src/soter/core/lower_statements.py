@@ -1,4 +1,4 @@
-"""Lower statements to Core, and the functions that they call.
+"""Lowers statements to Core, and the functions that they call.
 
 Purpose: early returns become a single exit. Functions are lowered on demand, callees first, under
 unique names.
@@ -30,9 +30,9 @@ if TYPE_CHECKING:
 
 
 def _if_with_rest(s: typed.TypedIf, rest: tuple[typed.TypedStmt, ...]) -> typed.TypedIf | None:
-    """Gives an `if` whose only arm that does not return continues with `rest`; or None.
+    """Gives an `if` with `rest` appended to its only arm that does not return; or None.
 
-    None if several arms do not return, or that arm returns only sometimes.
+    None if several arms do not return, or if that arm may return.
     """
     arms = [*(b for _, b in s.arms), s.otherwise]
     falling = [i for i, b in enumerate(arms) if not always_returns(b)]
@@ -57,11 +57,11 @@ class Builder(ExpressionBuilder):
         self.outputs: dict[typed.TopicSymbol, int] = {}
         self._result: tuple[str, Type] | None = None
         self.leave: str | None = None
-        """The flag of having returned."""
+        """The name of the flag that is set once the function has returned; None: there is none."""
 
     # ------------------------------------------------------------ statements
 
-    def block(self, statements: tuple[typed.TypedStmt, ...]) -> None:
+    def lower_block(self, statements: tuple[typed.TypedStmt, ...]) -> None:
         """Lowers statements; those after a possible return run only if it did not happen."""
         for position, s in enumerate(statements):
             rest = statements[position + 1 :]
@@ -82,13 +82,13 @@ class Builder(ExpressionBuilder):
             self._blocks[0].insert(0, core.Let(s.span, self.leave, core.Const(BOOL, False), True))
         self.lower_statement(s)
         if rest:
-            inner, _ = self.statements_of(lambda: self.block(rest))
+            inner, _ = self.statements_of(lambda: self.lower_block(rest))
             if inner:
                 undone = core.Unary(BOOL, "not", core.Var(BOOL, self.leave))
                 self.emit(core.If(rest[0].span, undone, inner, ()))
 
     def lower_statement(self, s: typed.TypedStmt) -> None:
-        """Lower one statement."""
+        """Lowers one statement."""
         if isinstance(s, typed.TypedDeclare):
             value = self.expr(s.value)
             name = self.name_variable(s.variable)
@@ -142,26 +142,26 @@ class Builder(ExpressionBuilder):
         c = self.expr(condition)
         if isinstance(c, core.Const):  # a parameter decides: the other branch is not there
             if c.value:
-                self.block(body)
+                self.lower_block(body)
             elif more:
                 self._lower_if(typed.TypedIf(more[0][0].span, tuple(more), s.otherwise))
             else:
-                self.block(s.otherwise)
+                self.lower_block(s.otherwise)
             return
-        then, _ = self.statements_of(lambda: self.block(body))
+        then, _ = self.statements_of(lambda: self.lower_block(body))
         if more:
             rest = typed.TypedIf(more[0][0].span, tuple(more), s.otherwise)
             otherwise, _ = self.statements_of(lambda: self._lower_if(rest))
         else:
-            otherwise, _ = self.statements_of(lambda: self.block(s.otherwise))
+            otherwise, _ = self.statements_of(lambda: self.lower_block(s.otherwise))
         self.emit(core.If(s.span, c, then, otherwise))
 
     def _lower_guarded_body(self, body: tuple[typed.TypedStmt, ...], span: Span) -> None:
         """Lowers a loop's body, which is skipped once the function has returned."""
         if self.leave is None or self._result is None or not any(may_return(x) for x in body):
-            self.block(body)
+            self.lower_block(body)
             return
-        inner, _ = self.statements_of(lambda: self.block(body))
+        inner, _ = self.statements_of(lambda: self.lower_block(body))
         self.emit(core.If(span, core.Unary(BOOL, "not", core.Var(BOOL, self.leave)), inner, ()))
 
     def _lower_for_range(self, s: typed.ForRange) -> None:
@@ -179,12 +179,12 @@ class Builder(ExpressionBuilder):
         i = core.Var(INT, index)
         assert isinstance(t, (ArrayType, ListType))
 
-        def body() -> None:
+        def lower_round() -> None:
             name = self.name_variable(s.variable)
             self.emit(core.Let(s.span, name, core.Element(t.element, sequence, i)))
             self._lower_guarded_body(s.body, s.span)
 
-        block, _ = self.statements_of(body)
+        block, _ = self.statements_of(lower_round)
         limit = t.size if isinstance(t, ArrayType) else t.capacity
         if isinstance(t, ListType):
             inside = core.Binary(BOOL, "<", i, core.Length(INT, sequence))
@@ -196,7 +196,7 @@ class Builder(ExpressionBuilder):
     def function_body(
         self, body: tuple[typed.TypedStmt, ...], result: Type, span: Span
     ) -> tuple[tuple[core.Stmt, ...], core.Expr]:
-        """Gives statements and result of a function, with a single exit."""
+        """Gives the statements and the result of a function, which has a single exit."""
         straight = (
             body
             and isinstance(body[-1], typed.TypedReturn)
@@ -215,7 +215,7 @@ class Builder(ExpressionBuilder):
         if needs_return_flag(body):
             self.leave = self.unused_name("done")
             self.emit(core.Let(span, self.leave, core.Const(BOOL, False), True))
-        self.block(body)
+        self.lower_block(body)
         return self.take_statements(), core.Var(result, name)
 
 
@@ -231,7 +231,7 @@ def may_return(s: typed.TypedStmt) -> bool:
 
 
 def needs_return_flag(body: tuple[typed.TypedStmt, ...]) -> bool:
-    """Whether a loop may return; then a flag tells whether it did."""
+    """Whether a loop in the body may return, so that a flag must tell if it did."""
     for s in body:
         if isinstance(s, (typed.ForRange, typed.ForEach)) and may_return(s):
             return True
@@ -253,19 +253,19 @@ class FunctionTable:
         self._reads: dict[typed.FunSymbol, frozenset[typed.ParamSymbol]] = {}
 
     def unique_name(self, base: str) -> str:
-        """Gives a function name not taken yet."""
+        """Gives a function's name, made from `base`, that no other function has."""
         name, n = base.replace(".", "_"), 2
         while name in self.by_name:
             name = f"{base.replace('.', '_')}_{n}"
             n += 1
         return name
 
-    def add(self, function: core.Function) -> None:
-        """Enters a function, all of whose callees are entered."""
+    def enter_function(self, function: core.Function) -> None:
+        """Enters a function in the table; its callees are there already."""
         assert not (found := broken_promises(self.system, self.by_name, function)), found
         self.by_name[function.name] = function
 
-    def require(
+    def lowered_function(
         self,
         fun: typed.FunSymbol,
         params: Mapping[typed.ParamSymbol, Value],
@@ -276,14 +276,14 @@ class FunctionTable:
         Calls share it if the parameters that it reads have equal values, and the same compared
         operands are checked for NaN.
         """
-        looked_at = maybe_nan & operands_compared_by(fun) if maybe_nan else maybe_nan
+        nan_checks = maybe_nan & operands_compared_by(fun) if maybe_nan else maybe_nan
         plain = fun, *sorted((p.name, repr(params[p])) for p in self._params_of(fun))
-        key = looked_at, *plain
+        key = nan_checks, *plain
         known = self._made.get(key)
         if known is not None:
             return known
         builder = Builder(self, self.system, None, params)
-        builder.maybe_nan = looked_at
+        builder.maybe_nan = nan_checks
         parameters = tuple(core.Parameter(builder.name_variable(p), p.type) for p in fun.parameters)
         if fun.body is None:
             body: tuple[core.Stmt, ...] = ()
@@ -307,7 +307,7 @@ class FunctionTable:
             meaning=self._meanings.setdefault(plain, name),
         )
         self._made[key] = function
-        self.add(function)
+        self.enter_function(function)
         return function
 
     def _params_of(self, fun: typed.FunSymbol) -> frozenset[typed.ParamSymbol]:

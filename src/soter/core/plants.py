@@ -1,4 +1,4 @@
-"""Lower plants: draws, integration, publication.
+"""Lowers plants: draws, integration, publication.
 
 Purpose: the numerical scheme of docs/semantics.md written out in Core, so that every back end
 (doubles, intervals) sees the same operations in the same order.
@@ -10,10 +10,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.core import core
-from soter.core.core_walks import footprint_of, written_topics
+from soter.core.core_walks import cells_of_publication, footprint_of
 from soter.core.lower_expressions import rebuild, select
 from soter.core.lower_statements import Builder
-from soter.language.model.tree_walk import chosen_lets, first_lets
+from soter.language.model.tree_walk import lets_run_first, lets_that_choose
 from soter.language.model.types import FLOAT, RecordType
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 def lower_plant(functions: FunctionTable, system: System, component: Component) -> core.PlantStep:
     """Gives the Core of one release of a plant."""
-    return _Plant(functions, system, component).lower()
+    return _Plant(functions, system, component).lowered_step()
 
 
 class _Plant:
@@ -41,9 +41,9 @@ class _Plant:
         self.builder = Builder(functions, system, component.scope)
         self.builder.period_ns = component.period_ns
         self.copies: list[core.LocalCopy] = []
-        self.chosen = chosen_lets(component.plant)
+        self.chosen = lets_that_choose(component.plant)
 
-    def lower(self) -> core.PlantStep:
+    def lowered_step(self) -> core.PlantStep:
         b, plant = self.builder, self.plant
         for v in plant.states:
             name = b.name_variable(v)
@@ -55,7 +55,7 @@ class _Plant:
             name = b.name_variable(d.variable)
             draws = tuple(core.Draw(s, d.low, d.high, d.hold_ns) for s in d.streams)
             disturbances.append((name, d.variable.type, draws))
-        for variable, value in first_lets(plant):
+        for variable, value in lets_run_first(plant):
             self._emit_let(variable, value)
         choose = b.take_statements()
         integrate: tuple[core.Stmt, ...] = ()
@@ -78,7 +78,7 @@ class _Plant:
         footprint.reads |= {c.cell for c in self.copies}
         footprint.writes |= {c.cell for c in self.copies if c.written}
         for o in outputs:
-            footprint.writes.update(written_topics(self.system, o.topic))
+            footprint.writes.update(cells_of_publication(self.system, o.topic))
         return core.PlantStep(
             component=self.component.index,
             states=tuple(self.copies),
@@ -119,7 +119,7 @@ class _Plant:
             b.emit(core.Set(span, b.names[v], v.type, (), value))
 
     def _integrated_states(self) -> core.Expr:
-        """Integrates all `der` states together; gives the record of their new values."""
+        """Emits the integration of all `der` states; gives the record of their new values."""
         b, plant, span = self.builder, self.plant, self.plant.span
         step_of_scheme = STEPS[plant.method]
         record = RecordType(tuple((v.name, v.type) for v in plant.der), f"{plant.name}.derivative")
@@ -128,51 +128,51 @@ class _Plant:
         old = core.Make(record, tuple(core.Var(v.type, b.names[v]) for v in plant.der))
         x = b.let(span, "x", old, mutable=True)
 
-        def f(at: core.Expr, name: str) -> core.Var:
+        def emit_derivative(at: core.Expr, name: str) -> core.Var:
             result = b.unused_name(name)
             b.emit(core.Call(span, result, function.name, (at, *extra), record))
             return core.Var(record, result)
 
-        def step() -> None:
-            value = step_of_scheme(self, record, x, f, h)
+        def emit_scheme_step() -> None:
+            value = step_of_scheme(self, record, x, emit_derivative, h)
             b.emit(core.Set(span, x.name, record, (), value))
 
         if self.component.substeps == 1:
-            step()
+            emit_scheme_step()
         else:
-            body, _ = b.statements_of(step)
+            body, _ = b.statements_of(emit_scheme_step)
             b.emit(core.Loop(span, b.unused_name("substep"), 0, self.component.substeps, body))
         return x
 
-    def euler(self, record: RecordType, x: core.Var, f: Derivative, h: float) -> core.Expr:
+    def euler_states(self, record: RecordType, x: core.Var, f: Derivative, h: float) -> core.Expr:
         """Gives the record of states after one step of Euler's scheme."""
         k = f(x, "k1")
         return rebuild(record, lambda p: _sum(select(x, p), _scaled(h, select(k, p))))
 
-    def rk4(self, record: RecordType, x: core.Var, f: Derivative, h: float) -> core.Expr:
+    def rk4_states(self, record: RecordType, x: core.Var, f: Derivative, h: float) -> core.Expr:
         """Gives the record of states after one step of the classical Runge-Kutta scheme."""
         b, span = self.builder, self.plant.span
 
-        def moved(name: str, scale: float, k: core.Var) -> core.Var:
+        def emit_moved_states(name: str, scale: float, k: core.Var) -> core.Var:
             value = rebuild(record, lambda p: _sum(select(x, p), _scaled(scale, select(k, p))))
             return b.let(span, name, value)
 
         k1 = f(x, "k1")
-        k2 = f(moved("x2", h * 0.5, k1), "k2")
-        k3 = f(moved("x3", h * 0.5, k2), "k3")
-        k4 = f(moved("x4", h, k3), "k4")
+        k2 = f(emit_moved_states("x2", h * 0.5, k1), "k2")
+        k3 = f(emit_moved_states("x3", h * 0.5, k2), "k3")
+        k4 = f(emit_moved_states("x4", h, k3), "k4")
 
-        def leaf(p: tuple[int, ...]) -> core.Expr:
+        def new_leaf(p: tuple[int, ...]) -> core.Expr:
             total = _sum(
                 _sum(_sum(select(k1, p), _scaled(2.0, select(k2, p))), _scaled(2.0, select(k3, p))),
                 select(k4, p),
             )
             return _sum(select(x, p), _scaled(h / 6.0, total))
 
-        return rebuild(record, leaf)
+        return rebuild(record, new_leaf)
 
     def _derivative(self, record: RecordType) -> tuple[core.Function, tuple[core.Expr, ...]]:
-        """Gives the right-hand side as a function of the `der` states, and its other arguments."""
+        """Gives the function from `der` states to their derivatives, and its other arguments."""
         outer, plant, span = self.builder, self.plant, self.plant.span
         inner = _RightHandSide(self.functions, self.system, self.component.scope)
         inner.period_ns = self.component.period_ns
@@ -214,11 +214,11 @@ class _Plant:
             source=None,
             can_fault=inner.can_fault,
         )
-        self.functions.add(function)
+        self.functions.enter_function(function)
         return function, tuple(extra)
 
 
-STEPS = {"euler": _Plant.euler, "rk4": _Plant.rk4}
+STEPS = {"euler": _Plant.euler_states, "rk4": _Plant.rk4_states}
 """One step of every scheme (`SCHEMES`)."""
 
 

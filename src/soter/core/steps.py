@@ -1,4 +1,4 @@
-"""Lower nodes, decision modules and properties.
+"""Lowers nodes, decision modules and properties.
 
 Purpose: what each component does in one release, as Core with its footprint.
 Non-goals: plants (`plants.py`), the kernel's part (gate, switching, calendars).
@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING
 
 from soter.core import core
 from soter.core.core_check import broken_promises
-from soter.core.core_walks import footprint_of, written_names, written_topics
+from soter.core.core_walks import cells_of_publication, footprint_of, written_names
 from soter.core.lower_expressions import positions_and_types, select
 from soter.core.lower_statements import Builder, FunctionTable
 from soter.core.plants import lower_plant
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.evaluate.predicates import maybe_nan, operands_compared_in
 from soter.language.model import typed
-from soter.language.model.read_together import permits_together
-from soter.language.model.system import queues_of
+from soter.language.model.read_together import permits_on_close_reads
+from soter.language.model.system import queues_read_by
 from soter.language.model.tree_walk import premise_of
 from soter.language.model.types import BOOL, FLOAT, INT, ArrayType, RecordType
 
@@ -49,7 +49,7 @@ def outputs_of(system: System, component: Component) -> tuple[core.Output, ...]:
 
 
 def lower_node(functions: FunctionTable, system: System, component: Component) -> core.NodeStep:
-    """Gives the step of a node in Core; an extern node has no body."""
+    """Gives the step of a node in Core; that of an extern node has no body."""
     node = component.node
     assert node is not None
     builder = Builder(functions, system, component.scope)
@@ -58,9 +58,9 @@ def lower_node(functions: FunctionTable, system: System, component: Component) -
     names = [(v, builder.name_variable(v)) for v in node.locals]
     takeover: tuple[core.Stmt, ...] = ()
     if node.takeover is not None:
-        builder.block(node.takeover)
+        builder.lower_block(node.takeover)
         takeover = builder.take_statements()
-    builder.block(node.step)
+    builder.lower_block(node.step)
     body = builder.take_statements()
     written = written_names((*takeover, *body))
     copies = tuple(
@@ -73,14 +73,14 @@ def lower_node(functions: FunctionTable, system: System, component: Component) -
     footprint.writes |= {copy.cell for copy in copies if copy.written}
     if component.extern:
         footprint.reads |= {builder.topic_cell(s.topic) for s in node.subscribes}
-    for q in queues_of(system, component):
+    for q in queues_read_by(system, component):
         cell = core.Cell("topic", q, system.topics[q].name)
         footprint.reads.add(cell)
         footprint.writes.add(cell)
         if system.topics[q].policy == "fault":
             footprint.stamps.add(q)
     for o in outputs:
-        footprint.writes.update(written_topics(system, o.topic))
+        footprint.writes.update(cells_of_publication(system, o.topic))
         footprint.stamps.add(o.topic)
     step = core.NodeStep(component.index, copies, takeover, body, outputs, footprint, node.span)
     step.shield = _lower_shield(builder, component, outputs)
@@ -99,7 +99,7 @@ def lower_node(functions: FunctionTable, system: System, component: Component) -
 def _lower_shield(
     builder: Builder, component: Component, outputs: tuple[core.Output, ...]
 ) -> core.ShieldStep | None:
-    """Gives the statements by which its module's shield judges a controller's commands."""
+    """Gives the step of the shield that judges a controller's commands; None without one."""
     system = builder.system
     module = None if component.module is None else system.modules[component.module]
     shield = None if module is None else module.shield
@@ -109,39 +109,39 @@ def _lower_shield(
     builder.scope = module.scope
     builder.params = module.scope.params
     judges = component.role == "ac" and module.forced is None
-    cell, name = _topic_copy(builder, topic, "shield", span)
+    cell, name = _copy_of_topic(builder, topic, "shield", span)
     proposed = None
     if shield.proposed is not None:
         second = system.topics[shield.proposed]
-        proposed = (*_topic_copy(builder, second, "proposed", span), second.type)
+        proposed = (*_copy_of_topic(builder, second, "proposed", span), second.type)
     held = builder.expr(shield.held)
     some: core.Expr = core.Fact(BOOL, "published", 0)
     for k in range(1, len(outputs)):
         some = core.Binary(BOOL, "||", some, core.Fact(BOOL, "published", k))
 
-    def judged() -> None:
+    def emit_judged_step() -> None:
         builder.emit(core.Set(span, name, topic.type, (), held))
         if judges:
-            _read_new(builder, module, topic.index, (None, name))
+            _read_output(builder, module, topic.index, (None, name))
         if proposed is not None:
-            _note_proposals(builder, component, proposed[1], outputs, moves=judges)
+            _emit_proposals(builder, component, proposed[1], outputs, moves=judges)
         if judges:
-            _judge(builder, component, outputs)
+            _emit_guard(builder, component, outputs)
 
-    then, _ = builder.statements_of(judged)
+    then, _ = builder.statements_of(emit_judged_step)
     builder.emit(core.If(span, some, then, ()))
     return core.ShieldStep(builder.take_statements(), cell, name, topic.type, proposed)
 
 
-def _topic_copy(builder: Builder, topic: Topic, base: str, span: Span) -> tuple[core.Cell, str]:
-    """Gives the cell of a hidden topic, and the temporary that has its value."""
+def _copy_of_topic(builder: Builder, topic: Topic, base: str, span: Span) -> tuple[core.Cell, str]:
+    """Copies a hidden topic into a new temporary; gives the topic's cell and that name."""
     cell = core.Cell("topic", topic.index, topic.name)
     name = builder.unused_name(base)
     builder.emit(core.Let(span, name, core.Get(topic.type, cell), mutable=True))
     return cell, name
 
 
-def _note_proposals(
+def _emit_proposals(
     builder: Builder,
     component: Component,
     name: str,
@@ -149,7 +149,7 @@ def _note_proposals(
     *,
     moves: bool,
 ) -> None:
-    """Notes the numbers that a controller would publish; replaces them if it `moves`."""
+    """Emits that proposals get the numbers a controller would publish; `moves`: and moves them."""
     assert component.module is not None
     system, span = builder.system, component.span
     module = system.modules[component.module]
@@ -167,21 +167,21 @@ def _note_proposals(
         builder.emit(core.If(span, core.Fact(BOOL, "published", number[i]), (note,), ()))
     if not moves:
         return
-    _read_new(builder, module, topic.index, (None, name))
+    _read_output(builder, module, topic.index, (None, name))
     assert module.shield.moved is not None
     moved = builder.let(span, "moved", builder.expr(module.shield.moved))
     for at, (i, place) in enumerate(places):
         if i in number:
             value = select(moved, (at,))
-            _move_output(builder, span, (number[i], place), system.topics[i].type, value)
+            _emit_moved_output(builder, span, (number[i], place), system.topics[i].type, value)
     found = core.Binary(BOOL, "==", select(moved, (len(places),)), core.Const(FLOAT, 1.0))
     builder.emit(core.Guard(span, found, FaultKind.SHIELD))
 
 
-def _move_output(
+def _emit_moved_output(
     builder: Builder, span: Span, where: tuple[int, tuple[int, ...]], t: Type, value: core.Expr
 ) -> None:
-    """Replaces a number of an output if the step publishes that output."""
+    """Emits that a number of an output is replaced, if the step publishes that output."""
     output, place = where
     path: list[int | core.Expr] = []
     inner = t
@@ -197,22 +197,22 @@ def _move_output(
     builder.emit(core.If(span, core.Fact(BOOL, "published", output), (move,), ()))
 
 
-def _read_new(builder: Builder, module: Module, topic: int, new: tuple[int | None, str]) -> None:
-    """Makes code of a module read on a topic what the step publishes there."""
+def _read_output(builder: Builder, module: Module, topic: int, new: tuple[int | None, str]) -> None:
+    """Makes later code of a module read from a topic what this step publishes on it."""
     for symbol, index in module.scope.topics.items():
         if index == topic:
             builder.published[symbol] = new
 
 
-def _judge(builder: Builder, component: Component, outputs: tuple[core.Output, ...]) -> None:
-    """Makes AC's step fault unless the commands that may act after it are permitted."""
+def _emit_guard(builder: Builder, component: Component, outputs: tuple[core.Output, ...]) -> None:
+    """Emits a guard: AC's step faults unless the commands that may act then are permitted."""
     assert component.module is not None
     module = builder.system.modules[component.module]
     number = {o.topic: k for k, o in enumerate(outputs)}
     for index, k in number.items():
         published = None if len(outputs) == 1 else k
-        _read_new(builder, module, index, (published, core.output_name(k)))
-    permits = builder.expr(permits_together(builder.system, module))
+        _read_output(builder, module, index, (published, core.output_name(k)))
+    permits = builder.expr(permits_on_close_reads(builder.system, module))
     builder.emit(core.Guard(component.span, permits, FaultKind.SHIELD))
 
 
@@ -223,20 +223,20 @@ def lower_predicate(
     condition: typed.TypedExpr,
     span: Span,
     period_ns: int = 0,
-    looked_at: frozenset[typed.TypedExpr] = frozenset(),
+    nan_checks: frozenset[typed.TypedExpr] = frozenset(),
 ) -> core.Predicate:
     """Gives a boolean over topics and truths; `period_ns` is that of a contract's node.
 
-    `looked_at`: operands of comparisons at which a NaN is a fault.
+    `nan_checks`: operands of comparisons at which a NaN is a fault.
     """
     builder = Builder(functions, system, scope)
     builder.period_ns = period_ns
-    builder.maybe_nan = looked_at
+    builder.maybe_nan = nan_checks
     value = builder.expr(condition)
     body = builder.take_statements()
     probe = core.Let(span, "value", value)
     footprint = footprint_of((*body, probe))
-    predicate = core.Predicate(body, value, footprint, span, maybe_nan=bool(looked_at))
+    predicate = core.Predicate(body, value, footprint, span, maybe_nan=bool(nan_checks))
     assert not (found := broken_promises(system, functions.by_name, predicate)), found
     return predicate
 
@@ -244,14 +244,14 @@ def lower_predicate(
 def lower_dm_predicate(
     functions: FunctionTable, system: System, module: Module, predicate: typed.TypedExpr
 ) -> core.Predicate:
-    """Gives a predicate of the DM, or a part of one; a compared NaN is a fault."""
-    looked_at = maybe_nan(system, module, predicate) & operands_compared_in(predicate)
+    """Gives a predicate of the DM, or a part of one, in Core; a compared NaN faults there."""
+    nan_checks = maybe_nan(system, module, predicate) & operands_compared_in(predicate)
     span = predicate.span
-    return lower_predicate(functions, system, module.scope, predicate, span, looked_at=looked_at)
+    return lower_predicate(functions, system, module.scope, predicate, span, nan_checks=nan_checks)
 
 
 def lower_decision(functions: FunctionTable, system: System, module: int) -> core.Decision:
-    """Gives a DM's predicates; without `ttf` it is true, without `safer` false."""
+    """Gives a DM's predicates in Core; a missing `ttf` is true, a missing `safer` false."""
     m = system.modules[module]
     span = m.symbol.span
     ttf = m.symbol.ttf or typed.Literal(BOOL, span, True)
@@ -265,7 +265,7 @@ def lower_decision(functions: FunctionTable, system: System, module: int) -> cor
 
 
 def lower_property(functions: FunctionTable, system: System, p: Property) -> core.Predicate:
-    """Gives the condition of a property or a contract."""
+    """Gives the condition of a property or a contract in Core."""
     if p.kind == "progress":  # of an induction, which asks it of `safer`
         module = next(m for m in system.modules if m.scope is p.scope)
         return lower_dm_predicate(functions, system, module, p.condition)
@@ -274,7 +274,7 @@ def lower_property(functions: FunctionTable, system: System, p: Property) -> cor
 
 
 def lower_timed(functions: FunctionTable, system: System, timed: TimedProperty) -> core.Timed:
-    """Gives the predicates of a timed property."""
+    """Gives the premise and the condition of a timed property in Core."""
     scope, condition = timed.scope, timed.condition
     if timed.module is not None:
         module = system.modules[timed.module]
@@ -296,7 +296,7 @@ def lower_premise(functions: FunctionTable, system: System, p: Property) -> core
 
 
 def lower(system: System) -> core.CoreSystem:
-    """Lowers a whole system."""
+    """Gives the Core of a whole system."""
     functions = FunctionTable(system)
     nodes: dict[int, core.NodeStep] = {}
     plants: dict[int, core.PlantStep] = {}

@@ -49,12 +49,12 @@ _PAGES = Path(__file__).parent / "pages"
 
 
 def all_codes() -> list[str]:
-    """Every code that has a page, sorted by its letters, then by its number."""
+    """Every code that has a page, sorted by letters, then by number."""
     return sorted(_codes_by_folded().values(), key=lambda code: (code.rstrip("0123456789"), code))
 
 
 def all_words() -> list[str]:
-    """The words that have a page: subjects of verdicts (`ttf`, `start`), and words of `rest`."""
+    """The words that have a page: subjects of verdicts (`ttf`, `start`) and words of `rest`."""
     return sorted(_words_by_folded().values())
 
 
@@ -71,13 +71,13 @@ def explain(code: str) -> str | None:
 
 
 def title(code: str) -> str | None:
-    """The title of a code's page: the text behind `# CODE:` on its first line."""
+    """The title of a code's page: the text behind `# CODE:` on its first line; or None."""
     page = explain(code)
     return None if page is None else page.split("\n", 1)[0].partition(":")[2].strip()
 
 
-def suggestions(code: str) -> list[str]:
-    """Codes that are spelt like an unknown one, the most similar first."""
+def similar_codes(code: str) -> list[str]:
+    """Codes spelt like an unknown one, the most similar first."""
     known = {**_codes_by_folded(), **_words_by_folded()}
     near = closest(code.strip().casefold()[:20], known, 0.5, 3)
     return [known[folded] for folded in near]

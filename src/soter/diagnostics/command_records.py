@@ -35,12 +35,12 @@ Shape: TypeAlias = "JsonObject | dict[str, object] | tuple[JsonObject, dict[str,
 
 
 def one_of(*values: object) -> dict[str, object]:
-    """The JSON schema of a field that has one of these values."""
+    """The JSON schema of a field whose value is one of these."""
     return {"enum": list(values)}
 
 
 class JsonObject:
-    """The fields of a JSON object, and how each is made of a record."""
+    """The fields of a JSON object, and how each is computed from a record."""
 
     def __init__(
         self,
@@ -69,13 +69,13 @@ class JsonObject:
         self.also = also
 
     def of(self, record: object) -> dict[str, object]:
-        """The JSON object of a record."""
+        """The JSON object for a record."""
         values = {n: self.made.get(n, _path_reader(path))(record) for n, path in self.paths.items()}
         return {name: _json_value(value, self.shapes.get(name)) for name, value in values.items()}
 
 
 def _path_reader(path: str) -> Callable[[Any], object]:
-    """The function that reads a path of `JsonObject.fields`, with its mark, off a record."""
+    """A function that reads from a record the value at a path of `JsonObject.fields`."""
 
     def value(record: Any) -> object:  # noqa: ANN401 - any record
         for name in path.rstrip("?*").removesuffix("/s").split("."):
@@ -90,19 +90,19 @@ def _path_reader(path: str) -> Callable[[Any], object]:
 
 
 def _field_value(record: object, name: str) -> object:
-    """A field of a record; of a list, the field of each record in it; None of None."""
+    """A field of a record; for a list, a list of that field; None for None."""
     if _is_list(record):
         return [_field_value(one, name) for one in record]
     return None if record is None else getattr(record, name)
 
 
 def _is_list(value: object) -> TypeGuard[Sequence[object]]:
-    """Whether a value is a list or tuple of values; a named tuple is a record."""
+    """Whether a value is a list or tuple, but not a named tuple, which is a record."""
     return isinstance(value, (list, tuple)) and not hasattr(value, "_fields")
 
 
 def _json_value(value: object, shape: Shape | None) -> object:
-    """The JSON of a value in a record; TypeError for a type that has none."""
+    """The JSON for a value of a record; TypeError if its type has none."""
     if isinstance(value, Mapping):
         return {str(name): _json_value(part, shape) for name, part in value.items()}
     if _is_list(value):
@@ -135,7 +135,7 @@ class Kind:
     text: str | Callable[[str], Any] = ""
     allowed: str = ""
     fits: Callable[[Any], bool] = lambda _: True
-    read: Callable[[Any], Any] = lambda given: given
+    read: Callable[[Any], Any] = lambda value: value
     in_python: str = "{}"
     names: tuple[str, ...] = ()
 
@@ -146,19 +146,19 @@ SEVERAL, SWITCH = Kind("several"), Kind("switch")
 
 
 def read_by(function: Callable[[str], Any]) -> Kind:
-    """A kind of option whose text a function reads; it raises ArgumentTypeError for wrong ones."""
+    """The kind of option whose text a function reads; ArgumentTypeError for wrong text."""
     return Kind(function)
 
 
 def choice(*names: str) -> Kind:
-    """A kind of option whose value is one of these names."""
+    """The kind of option whose value is one of these names."""
     return Kind(
         "", f"{', '.join(names[:-1])} or {names[-1]}", lambda value: value in names, names=names
     )
 
 
 def whole(low: int, high: int, text: str = "whole", in_python: str = "{}") -> Kind:
-    """A kind of option whose value is a whole number."""
+    """The kind of option whose value is a whole number from `low` to `high`."""
 
     def fits(value: Any) -> bool:  # noqa: ANN401 - whatever a caller gives
         return hasattr(value, "__index__") and not isinstance(value, bool) and low <= value <= high
@@ -169,7 +169,7 @@ def whole(low: int, high: int, text: str = "whole", in_python: str = "{}") -> Ki
 
 
 def seconds(low: str, high: int, *, optional: bool = False) -> Kind:
-    """A kind of option for seconds up to `high`; `low`: the lower end, "from 0 ..." to allow 0."""
+    """The kind of option for seconds up to `high`; `low`: the lower end, "from 0 ..." allows 0."""
 
     def fits(value: object) -> bool:
         if value is None or isinstance(value, bool) or not isinstance(value, (int, float)):
@@ -180,7 +180,7 @@ def seconds(low: str, high: int, *, optional: bool = False) -> Kind:
 
 
 def size(low: int) -> Kind:
-    """A kind of option for bytes, at least `low`, or a text such as `512M`."""
+    """The kind of option for a size of at least `low` bytes, as a number or text like `512M`."""
     return Kind(
         "size",
         "write it as 512M or 2G; 1M at least",
@@ -190,7 +190,7 @@ def size(low: int) -> Kind:
 
 
 def bytes_of(size_: int | str) -> int | None:
-    """The bytes that a number or a text such as `512M` says; None if it is neither."""
+    """The bytes that a number or a text like `512M` means; None for anything else."""
     if isinstance(size_, int):
         return None if isinstance(size_, bool) else size_
     match = _SIZE.fullmatch(size_.strip()) if isinstance(size_, str) else None
@@ -206,56 +206,56 @@ class Option:
     its position. `--diff`: without a word for a value it is a switch. `--format {a,b}`: the value
     is one of these. `FILE...`: at least one value; `[LOG...]`: any number of them. `[SIZE]`: it
     may be left out; after a flag, as in `--report [PATH]`, the value is then "".
-    `given`: the default as a caller writes it, Ellipsis where a value is required.
-    `words`: its help, with `{default}` and `{text}`, how a text is written. `told`: its field in
-    the JSON document of a result. `keyword`: whether callers in Python have it, too.
+    `default`: the default as a caller writes it, Ellipsis where a value is required.
+    `words`: its help, with `{default}` and `{text}`, how a text is written. `json_name`: its field
+    in the JSON document of a result. `keyword`: whether callers in Python have it, too.
     """
 
     flags: str
-    given: Any
+    default: Any
     words: str
     kind: Kind
-    told: str
+    json_name: str
     keyword: bool
 
     @property
     def dashed(self) -> bool:
-        """Whether a command line names it by a flag, not by its position."""
+        """Whether a command line has it as a flag, not at a position."""
         return self.flags.startswith("-")
 
     @property
     def flag(self) -> str:
-        """The name of the option on a command line: its long flag, else its first word."""
+        """The option's name on a command line: its long flag, or else its first word."""
         words = self.flags.split()
         return next((w for w in words if w.startswith("--")), words[0]).strip("[].")
 
     def help(self, text: str = "") -> str:
-        """The help of a command line; `text`: how a text for the value is written."""
-        return self.words.format(default=self.given, text=text)
+        """The help for a command line; `text`: the form of its value's text."""
+        return self.words.format(default=self.default, text=text)
 
     @property
     def meaning(self) -> str:
-        """The help for callers in Python, with the unit of the value."""
+        """The help for callers in Python, with the value's unit."""
         return self.kind.in_python.format(self.help())
 
 
 def option(
     flags: str,
-    given: Any,  # noqa: ANN401 - a field of whatever type
+    default: Any,  # noqa: ANN401 - a field of whatever type
     words: str,
     kind: Kind = ANYTHING,
-    told: str = "",
+    json_name: str = "",
     *,
     keyword: bool = True,
 ) -> Any:  # noqa: ANN401 - the same
-    """A field of a record of options, described by an `Option`."""
-    known = Option(flags, given, words, kind, told, keyword)
-    default = given if given in (None, ...) else kind.read(given)
-    return field(default=default, metadata={"option": known})
+    """A field for a record of options; its metadata is the `Option` that describes it."""
+    known = Option(flags, default, words, kind, json_name, keyword)
+    value = default if default in (None, ...) else kind.read(default)
+    return field(default=value, metadata={"option": known})
 
 
 def options_of(record: type, *, keyword: bool = False) -> dict[str, Option]:
-    """The options of a record by name, in order; `keyword`: only those that Python has."""
+    """The options of a record by name, in order; with `keyword` only those for Python."""
     return {
         f.name: f.metadata["option"]
         for f in fields(record)
@@ -289,29 +289,29 @@ def unused_options(
     return tuple(problems)
 
 
-def needless(so: str, **given: bool) -> None:
+def refuse_needless(so: str, **options: bool) -> None:
     """Raises SoterError U001 for each true keyword, which a method without a record ignores.
 
     `so`: when it ignores them, such as "beside `log`".
     """
-    if idle := [n for n, was_given in given.items() if was_given]:
+    if idle := [n for n, is_given in options.items() if is_given]:
         raise SoterError(tuple(Diagnostic("U001", f"`{n}` does nothing {so}") for n in idle))
 
 
 def removed_flags(record: type, flags: Sequence[str]) -> tuple[Diagnostic, ...]:
-    """U001 for each flag that an older version had, with what to do, from `record.GONE`."""
+    """U001 for each flag in `record.GONE`, which older versions had, with what to do instead."""
     remedies = {flag: remedy for row, remedy in getattr(record, "GONE", ()) for flag in row.split()}
     asked = dict.fromkeys(flag for flag in flags if flag in remedies)
     return tuple([Diagnostic("U001", f"`{f}` is gone", helps=(remedies[f],)) for f in asked])
 
 
-def make_record(record: type[Record], given: Mapping[str, object]) -> Record:
-    """The record of keywords; SoterError U001 with all wrong values, TypeError for a wrong name.
+def make_record(record: type[Record], keywords: Mapping[str, object]) -> Record:
+    """A record from keywords; SoterError U001 with all wrong values, TypeError for wrong names.
 
     A keyword that has the value of its default counts as one that is left out.
     """
     options, problems = options_of(record, keyword=True), []
-    for name, value in given.items():
+    for name, value in keywords.items():
         if name not in options:
             if gone_flags := removed_flags(record, ("--" + name.replace("_", "-"),)):
                 raise SoterError(gone_flags)
@@ -320,12 +320,12 @@ def make_record(record: type[Record], given: Mapping[str, object]) -> Record:
         if not kind.fits(value):
             message = f"`{name}` cannot be `{str(value)[:SHOWN]}`"
             problems.append(Diagnostic("U001", message, helps=(kind.allowed,)))
-    values = {name: o.given for name, o in options_of(record).items()}
-    written = {name for name, value in given.items() if value != values[name]}
-    problems = problems or [*unused_options(record, {**values, **given}, written, flags=False)]
+    values = {name: o.default for name, o in options_of(record).items()}
+    written = {name for name, value in keywords.items() if value != values[name]}
+    problems = problems or [*unused_options(record, {**values, **keywords}, written, flags=False)]
     if problems:
         raise SoterError(tuple(problems))
-    return record(**{name: options[name].kind.read(value) for name, value in given.items()})
+    return record(**{name: options[name].kind.read(value) for name, value in keywords.items()})
 
 
 class takes:  # noqa: N801 - a decorator
@@ -338,7 +338,7 @@ class takes:  # noqa: N801 - a decorator
         self.record = record
 
     def __call__(self, method: Method) -> Method:
-        """Keeps the method until somebody looks it up."""
+        """Keeps the method until a program looks it up."""
         self.method = method
         return cast("Method", self)
 
@@ -355,7 +355,7 @@ def _describe(method: Any, known: Mapping[str, Option]) -> None:  # noqa: ANN401
     signature = inspect.signature(method)
     parameters = [p for p in signature.parameters.values() if p.kind != p.VAR_KEYWORD]
     parameters += [
-        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=o.given)
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=o.default)
         for name, o in known.items()
         if name not in signature.parameters
     ]

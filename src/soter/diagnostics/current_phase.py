@@ -2,9 +2,9 @@
 
 Purpose: `phase("P2b of Cart")` where something slow begins; a progress line shows it.
 `passing_phase` is one phase in the middle of another; `within_phase` mutes the phases of a block.
-`share_done` tells the progress to the function that `telling` has set; `between` scales the shares
-of a block to its part of the whole. `announce` gives an estimate of the time to who shows one, and
-`lasting` puts it in words.
+`share_done` tells the progress to the function that `shares_to` has set; `between` scales the
+shares of a block to its part of the whole. `announce` tells an estimate of the time,
+`lasting` puts one in words.
 Non-goals: runs, searches and campaigns, whose options name who is told.
 """
 
@@ -24,16 +24,16 @@ MINUTES_FROM_S = 90.0
 
 _listener: ContextVar[Callable[[str, bool], None] | None] = ContextVar("listener", default=None)
 _current: ContextVar[str] = ContextVar("current", default="")
-_told: ContextVar[Told | None] = ContextVar("told", default=None)
+_share_hearer: ContextVar[Told | None] = ContextVar("told", default=None)
 _announcer: ContextVar[Callable[[str], None] | None] = ContextVar("announcer", default=None)
 
 
 class CancelledError(Exception):
-    """The computation is to stop here: nobody wants its result (`cancelled_when`)."""
+    """Raised to stop a computation whose result is no longer wanted (`cancelled_when`)."""
 
 
 def phase(name: str, *, anew: bool = False) -> None:
-    """Tells the listener which phase begins; `anew`: the shares begin again from 0."""
+    """Tells the listener that a phase begins; `anew`: shares begin again from 0."""
     if (listener := _listener.get()) is not None:
         _current.set(name)
         listener(name, anew)
@@ -41,7 +41,7 @@ def phase(name: str, *, anew: bool = False) -> None:
 
 @contextmanager
 def passing_phase(name: str) -> Iterator[None]:
-    """Makes the block a phase of its own; afterwards the phase before goes on."""
+    """Makes the block a phase of its own; afterwards the earlier phase continues."""
     before = _current.get()
     phase(name)
     try:
@@ -52,7 +52,7 @@ def passing_phase(name: str) -> Iterator[None]:
 
 @contextmanager
 def within_phase() -> Iterator[None]:
-    """Tells the listener no phases of this block, which are parts of the phase around it."""
+    """Hides the phases of this block from the listener, as parts of the phase around it."""
     before = _listener.set(None)
     try:
         yield
@@ -61,26 +61,26 @@ def within_phase() -> Iterator[None]:
 
 
 def share_done(share: float, stage: str = "") -> None:
-    """Tells the share that is done, 0 to 1, of the whole or of a stage. The listener may raise."""
-    if (hears := _told.get()) is not None:
+    """Reports the share done, 0 to 1, of the whole or of a stage; the listener may raise."""
+    if (hears := _share_hearer.get()) is not None:
         hears(share, stage)
 
 
 @contextmanager
-def telling(hears: Told | None) -> Iterator[None]:
-    """Sends the shares of this block, in this thread, to `hears(share, stage)`; None: to nobody."""
-    before = _told.set(hears)
+def shares_to(hears: Told | None) -> Iterator[None]:
+    """Sends the shares of this block, in this thread, to `hears(share, stage)` unless None."""
+    before = _share_hearer.set(hears)
     try:
         yield
     finally:
-        _told.reset(before)
+        _share_hearer.reset(before)
 
 
-def telling_shares(progress: Callable[[float], None] | None) -> AbstractContextManager[None]:
-    """Sends the shares of the whole in this block to `progress(share)`; None changes nothing."""
+def whole_shares_to(progress: Callable[[float], None] | None) -> AbstractContextManager[None]:
+    """Sends shares of the whole, not of stages, to `progress(share)`; None changes nothing."""
     if progress is None:
         return nullcontext()
-    return telling(lambda share, stage: None if stage else progress(share))
+    return shares_to(lambda share, stage: None if stage else progress(share))
 
 
 def between(low: float, high: float, stages: Sequence[str] = ()) -> AbstractContextManager[None]:
@@ -88,9 +88,9 @@ def between(low: float, high: float, stages: Sequence[str] = ()) -> AbstractCont
 
     `stages`: names of equal parts of this block, in order; shares of other stages go on unscaled.
     """
-    hears, furthest = _told.get(), 0.0
+    hears, furthest = _share_hearer.get(), 0.0
     if hears is None:
-        return telling(None)
+        return shares_to(None)
 
     def listener(share: float, stage: str) -> None:
         nonlocal furthest
@@ -101,12 +101,12 @@ def between(low: float, high: float, stages: Sequence[str] = ()) -> AbstractCont
             share = low + (high - low) * share
         hears(share, stage)
 
-    return telling(listener)
+    return shares_to(listener)
 
 
 def cancelled_when(due: Callable[[], bool]) -> AbstractContextManager[None]:
-    """Lets `share_done` raise `CancelledError` in this block once `due()` is true."""
-    hears = _told.get()
+    """Makes `share_done` raise `CancelledError` in this block once `due()` is true."""
+    hears = _share_hearer.get()
 
     def listener(share: float, stage: str) -> None:
         if due():
@@ -114,18 +114,18 @@ def cancelled_when(due: Callable[[], bool]) -> AbstractContextManager[None]:
         if hears is not None:
             hears(share, stage)
 
-    return telling(listener)
+    return shares_to(listener)
 
 
 def announce(text: Callable[[], str]) -> None:
-    """Tells the announcer a line, if there is one; it calls `text` only then, and omits ""."""
+    """Gives the announcer, if there is one, the line that `text()` makes, unless it is ""."""
     announcer = _announcer.get()
     if announcer is not None and (line := text()):
         announcer(line)
 
 
 def lasting(seconds: float, to_s: int = 1) -> str:
-    """An estimated time in words: whole minutes, or seconds in multiples of `to_s`."""
+    """An estimated time in words: in whole minutes, or in multiples of `to_s` seconds."""
     minutes = seconds >= MINUTES_FROM_S
     return f"{seconds / 60:.0f} min" if minutes else f"{to_s * round(seconds / to_s)} s"
 

@@ -18,7 +18,7 @@ from enum import Enum
 from itertools import islice
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.similar_names import likely
+from soter.diagnostics.similar_names import likely_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(eq=False)
 class Source:
-    """Name and text of one file; `name` is the path as the user gave it."""
+    """The name and the text of one file; `name` is the path as the user gave it."""
 
     name: str
     text: str = field(repr=False)
@@ -82,7 +82,7 @@ class Span:
 
 @dataclass(frozen=True)
 class Edit:
-    """Writes `text` in place of what `span` covers; at an empty span it is inserted."""
+    """Replaces the text of `span` with `text`; an empty span inserts it."""
 
     span: Span
     text: str
@@ -104,12 +104,12 @@ Help = str | Fix
 
 
 def help_texts(helps: Iterable[Help]) -> tuple[str, ...]:
-    """The help lines as texts: the title of each edit."""
+    """The help lines as texts; that of a fix is its title."""
     return tuple(h.title if isinstance(h, Fix) else h for h in helps)
 
 
 def help_fixes(helps: Iterable[Help]) -> tuple[Fix, ...]:
-    """The edits among the help lines."""
+    """The fixes among the help lines."""
     return tuple(h for h in helps if isinstance(h, Fix))
 
 
@@ -120,7 +120,7 @@ NAMES_COMPARED = 30_000
 
 
 class Severity(Enum):
-    """How bad it is: errors stop the tool, warnings do not."""
+    """How bad a problem is: errors stop the tool, warnings do not."""
 
     ERROR = "error"
     WARNING = "warning"
@@ -128,7 +128,7 @@ class Severity(Enum):
 
 @dataclass(frozen=True)
 class Label:
-    """A span with a text about it, which may be empty."""
+    """A span with a text about it, perhaps ""."""
 
     span: Span
     text: str = ""
@@ -153,7 +153,7 @@ class Diagnostic:
     fixes: tuple[Fix, ...] = ()
 
 
-def made(
+def make_diagnostic(
     code: Code,
     message: str,
     primary: Label | None,
@@ -162,7 +162,7 @@ def made(
     helps: tuple[Help, ...] = (),
     severity: Severity = Severity.ERROR,
 ) -> Diagnostic:
-    """A diagnostic; helps that are edits also become its `fixes`."""
+    """A diagnostic; helps that are fixes are also put into its `fixes`."""
     return Diagnostic(
         *(code, message, primary, secondary, notes, help_texts(helps), severity, help_fixes(helps))
     )
@@ -182,7 +182,7 @@ class Diagnostics:
         self._names_left = NAMES_COMPARED
 
     def add(self, diagnostic: Diagnostic) -> None:
-        """Keeps a diagnostic, unless one with its code, place and message is there already."""
+        """Keeps a diagnostic unless one with its code, place and message is kept already."""
         span = diagnostic.primary.span if diagnostic.primary else None
         key = (
             diagnostic.code,
@@ -205,7 +205,7 @@ class Diagnostics:
 
     @contextmanager
     def trial(self) -> Iterator[Callable[[], bool]]:
-        """Forgets what the block reports; afterwards the function says whether it had no error."""
+        """Discards what the block reports; then the given function says if it had no error."""
         items, seen, errors, names = (
             len(self._items),
             set(self._seen),
@@ -221,21 +221,21 @@ class Diagnostics:
             self._seen, self._errors, self._names_left = seen, errors, names
 
     def may_look_at(self, names: int) -> bool:
-        """Counts names that are to be compared; whether a suggestion is still worth that."""
+        """Whether a suggestion may compare so many more names, which are counted."""
         self._names_left -= names
         return self._names_left >= 0 and len(self._items) <= KEPT_MAX
 
     def did_you_mean(
         self, name: str, candidates: Iterable[str], span: Span | None = None
     ) -> tuple[Help, ...]:
-        """A help line with the most similar candidate, if one is similar.
+        """A help line with the most similar candidate; () if none is similar.
 
         With the `span` of the name the help line is an edit.
         """
         if not self.may_look_at(0):
             return ()
         known = list(islice(candidates, self._names_left + 1))
-        near = likely(name, known) if self.may_look_at(len(known)) else None
+        near = likely_name(name, known) if self.may_look_at(len(known)) else None
         if near is None:
             return ()
         title = f"did you mean `{near}`?"
@@ -287,7 +287,7 @@ class Diagnostics:
     ) -> None:
         primary = Label(span, label) if span is not None else None
         secondary = tuple(Label(s, t) for s, t in also)
-        self.add(made(code, message, primary, secondary, notes, helps, severity))
+        self.add(make_diagnostic(code, message, primary, secondary, notes, helps, severity))
 
     @property
     def items(self) -> tuple[Diagnostic, ...]:
@@ -301,7 +301,7 @@ class Diagnostics:
 
     @property
     def error_count(self) -> int:
-        """How many errors were reported."""
+        """How many errors there are so far."""
         return self._errors
 
     def raise_errors(self) -> None:
@@ -314,7 +314,7 @@ class Diagnostics:
 
 
 class SoterError(Exception):
-    """A user's mistake, as diagnostics, which is never shown as a traceback."""
+    """A user's mistake as diagnostics; it is never shown as a traceback."""
 
     def __init__(self, diagnostics: tuple[Diagnostic, ...] | SoterError) -> None:
         """`diagnostics`, or another `SoterError` whose diagnostics this one takes over."""
@@ -328,10 +328,10 @@ class SoterError(Exception):
         """Lines that Python adds to a traceback."""
 
     def __reduce__(self) -> tuple[type[SoterError], tuple[tuple[Diagnostic, ...]]]:
-        """Pickle the diagnostics, since `args` hold their text alone."""
+        """Makes pickle keep the diagnostics, since `args` have only their text."""
         return type(self), (self.diagnostics,)
 
 
 def mistake(code: Code, message: str, *helps: str, notes: tuple[str, ...] = ()) -> SoterError:
-    """A SoterError with one diagnostic that stands in no program; it omits empty `helps`."""
+    """A SoterError with one diagnostic without a place; empty `helps` are left out."""
     return SoterError((Diagnostic(code, message, notes=notes, helps=tuple(filter(None, helps))),))

@@ -30,8 +30,8 @@ def remove(span: Span, title: str) -> Fix:
     return Fix(title, (Edit(whole_lines(span), ""),))
 
 
-def out_of_list(span: Span, title: str) -> Fix:
-    """The fix that deletes one name of a list between commas; the whole item if it is the last."""
+def remove_from_list(span: Span, title: str) -> Fix:
+    """The fix that deletes a name from a comma-separated list; the whole item if it is alone."""
     text, start, end = span.source.text, span.start, span.end
     before, after = text[:start].rstrip(), text[end:].lstrip()
     if before.endswith(","):
@@ -45,7 +45,7 @@ def out_of_list(span: Span, title: str) -> Fix:
 
 
 def whole_lines(span: Span) -> Span:
-    """The span with the blanks around it and its line break, if its lines hold nothing else."""
+    """The span with its blanks and line break, if nothing else stands on its lines."""
     text = span.source.text
     start, end = span.start, span.end
     while start and text[start - 1] in " \t":
@@ -62,16 +62,13 @@ def exchange(one: Span, other: Span, title: str) -> Fix:
     return Fix(title, (Edit(one, other.text), Edit(other, one.text)))
 
 
-def the_other_way(low: Span, high: Span) -> Fix:
+def exchange_bounds(low: Span, high: Span) -> Fix:
     """The fix that exchanges the two bounds of an interval."""
     return exchange(low, high, f"write `[{high.text}, {low.text}]`")
 
 
 def apply_fix(fix: Fix) -> dict[Source, str]:
-    """The texts of the files that a fix edits, after it; nothing is written.
-
-    ValueError if two of its edits overlap.
-    """
+    """By source: its text after a fix; nothing is written. ValueError if two edits overlap."""
     by_source: dict[Source, list[Edit]] = {}
     for edit in fix.edits:
         by_source.setdefault(edit.span.source, []).append(edit)

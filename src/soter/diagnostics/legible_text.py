@@ -18,7 +18,7 @@ COLOURS = re.compile("(\x1b\\[(?:0|1|2|34|1;3[1-4])m)")
 
 
 def legible(text: str, *, color: bool = False, words: Iterable[str] = ()) -> str:
-    """The text without what acts upon a terminal or GitHub, whoever wrote it.
+    """The text without sequences that a terminal or GitHub would obey.
 
     `color`: keeps our own colours; `words`: of the command line, which may add no lines.
     """

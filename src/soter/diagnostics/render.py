@@ -45,7 +45,7 @@ class _Mark:
 
 
 class _Paint:
-    """Wraps text in colour, or leaves it unchanged."""
+    """Puts text in colour, or leaves it unchanged."""
 
     def __init__(self, severity: Severity, *, color: bool) -> None:
         self._color = color
@@ -82,7 +82,7 @@ def render_all(diagnostics: Iterable[Diagnostic], *, color: bool = False) -> str
 
 
 def summary(diagnostics: Sequence[Diagnostic]) -> str:
-    """The count of each severity in words: "2 errors, 1 warning"."""
+    """The number of diagnostics of each severity: "2 errors, 1 warning"."""
     counts = [
         (sum(d.severity is severity for d in diagnostics), severity.value) for severity in Severity
     ]
@@ -112,7 +112,7 @@ def to_json(diagnostic: Diagnostic) -> dict[str, object]:
 
 
 def safe(text: str) -> str:
-    """The text on one line, without characters on which a terminal acts."""
+    """The text on one line, with a replacement for each character that is not printable."""
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() else _REPLACEMENT for c in text)
@@ -133,14 +133,14 @@ def _place(span: Span | None) -> dict[str, object]:
     }
 
 
-def _labels(diagnostic: Diagnostic) -> list[tuple[Label, bool]]:
+def _all_labels(diagnostic: Diagnostic) -> list[tuple[Label, bool]]:
     first = [(diagnostic.primary, True)] if diagnostic.primary else []
     return [*first, *((label, False) for label in diagnostic.secondary)]
 
 
 def _gutter_width(diagnostic: Diagnostic) -> int:
-    """The digits of the largest line number, at least two, as notes hang from the gutter."""
-    numbers = [len(str(label.span.line)) for label, _ in _labels(diagnostic)]
+    """The digits of the largest line number, at least two, so that notes have a gutter."""
+    numbers = [len(str(label.span.line)) for label, _ in _all_labels(diagnostic)]
     return max([2, *numbers])
 
 
@@ -148,9 +148,9 @@ def _gutter_width(diagnostic: Diagnostic) -> int:
 
 
 def _sections(diagnostic: Diagnostic, width: int, paint: _Paint) -> list[str]:
-    """The lines of each file's section, the section of the primary span first."""
+    """The lines of each file's section; the section with the primary span is first."""
     by_source: dict[int, tuple[Source, list[tuple[Label, bool]]]] = {}
-    for label, primary in _labels(diagnostic):
+    for label, primary in _all_labels(diagnostic):
         source = label.span.source
         by_source.setdefault(id(source), (source, []))[1].append((label, primary))
     lines: list[str] = []
@@ -178,13 +178,13 @@ def _source_lines(
             lines.append(paint(_BLUE, "..."))
         previous = number
         text = source.line(number)
-        for cluster in _clusters(marks[number], len(text)):
+        for cluster in _mark_groups(marks[number], len(text)):
             lines += _marked_line(text, number, cluster, width, paint)
     return lines
 
 
-def _clusters(marks: list[_Mark], length: int) -> list[list[_Mark]]:
-    """Groups of marks that fit into one view of a line; one group unless the line is long."""
+def _mark_groups(marks: list[_Mark], length: int) -> list[list[_Mark]]:
+    """Groups of marks that can be shown together; there is one group unless the line is long."""
     ordered = sorted(marks, key=lambda m: (m.start, m.end))
     if length <= _LINE_MAX:
         return [ordered]
@@ -226,7 +226,7 @@ def _marked_line(
 
 
 def _printable_line(text: str) -> tuple[str, list[int]]:
-    """The printable form of `text`, and the screen column at which each character begins."""
+    """The printable form of a line, and the screen column where each character begins."""
     parts: list[str] = []
     columns: list[int] = []
     at = 0
@@ -255,7 +255,7 @@ _Placed = tuple[int, int, _Mark]
 
 
 def _rows_of_marks(placed: list[_Placed]) -> list[list[_Placed]]:
-    """Rows of marks that do not overlap; the primary mark is in the first row."""
+    """Rows of marks that do not overlap in their row; the primary mark is in the first."""
     rows: list[list[_Placed]] = []
     for item in sorted(placed, key=lambda p: (not p[2].primary, p[0])):
         for row in rows:
@@ -268,7 +268,7 @@ def _rows_of_marks(placed: list[_Placed]) -> list[list[_Placed]]:
 
 
 def _lines_of_row(row: list[_Placed], paint: _Paint) -> list[str]:
-    """The line with carets and dashes, then a line for each text that does not fit behind it."""
+    """A line with carets and dashes, and a line for each text that has no room behind it."""
     line, at = "", 0
     for start, end, mark in row:
         sign = "^" if mark.primary else "-"
@@ -297,7 +297,7 @@ HERE = str(Path(__file__).resolve().parents[1])
 
 
 def traceback_lines(error: SoterError) -> list[str]:
-    """The calls outside of Soter in a traceback, then the diagnostics."""
+    """The calls in a traceback that are not in Soter, and then the diagnostics."""
     frames = [
         f for f in traceback.extract_tb(error.__traceback__) if not f.filename.startswith(HERE)
     ]

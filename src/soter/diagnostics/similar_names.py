@@ -36,8 +36,8 @@ def closest(name: str, candidates: Iterable[str], cutoff: float = 0.6, count: in
     return get_close_matches(name, fit, count, cutoff)
 
 
-def likely(name: str, candidates: Iterable[str]) -> str | None:
-    """The most similar candidate, such as one in another letter case; None if none is similar."""
+def likely_name(name: str, candidates: Iterable[str]) -> str | None:
+    """The most similar candidate, perhaps in another letter case; None if none is similar."""
     if len(name) > NAME_MAX:
         return None
     most = 1 + len(name) // 3
@@ -53,12 +53,12 @@ def likely(name: str, candidates: Iterable[str]) -> str | None:
 
 def did_you_mean(name: str, candidates: Iterable[str]) -> tuple[str, ...]:
     """A help line with the most similar candidate; () if none is similar."""
-    near = likely(name, candidates)
+    near = likely_name(name, candidates)
     return (f"did you mean `{near}`?",) if near else ()
 
 
 def nearest_or_all(name: str, known: Iterable[str]) -> str:
-    """A help line with the most similar known name, else with all of them; "" if there are none."""
+    """A help line with the most similar known name, else with all names; "" without names."""
     names = [" ".join(n.splitlines()) for n in known]  # a help may have several lines, a name not
     if near := closest(name, names):
         return f"did you mean `{near[0]}`?"

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 
 def reason(error: OSError) -> str:
-    """Why the system refused, in lower case, without the error's number and path."""
+    """Why the system refused, as text in lower case without number and path."""
     text = error.strerror or str(error)
     return text[:1].lower() + text[1:]
 

@@ -30,7 +30,7 @@ STRAIGHT = 6.0
 
 @dataclass(eq=False)
 class Spot:
-    """A box, or the place where an arrow passes a layer: then `width` is small and `box` None."""
+    """A box, or the place where an arrow passes a layer (`box` is None, and `width` small)."""
 
     width: float
     height: float
@@ -59,7 +59,7 @@ class Piece:
 
 @dataclass(frozen=True)
 class Link:
-    """An arrow between boxes (indices), with where on them it begins and ends."""
+    """An arrow between boxes (by index), with the places on them where it begins and ends."""
 
     source: int
     source_x: float
@@ -70,7 +70,7 @@ class Link:
 
 @dataclass(eq=False)
 class GraphLayout:
-    """The layers, each from left to right, and the pieces of all arrows."""
+    """The layers from top to bottom, each from left to right, and the pieces of all arrows."""
 
     layers: list[list[Spot]]
     pieces: list[Piece] = field(default_factory=list)
@@ -79,10 +79,7 @@ class GraphLayout:
 def lay_out(
     sizes: Sequence[tuple[float, float]], links: Sequence[Link], first: frozenset[int]
 ) -> GraphLayout:
-    """Places boxes of these widths and heights (px); those in `first` stand at the top if they can.
-
-    Arrows from a box to itself are left out, as a drawing cannot show them.
-    """
+    """Places boxes of these sizes (px), if possible `first` on top; omits arrows to oneself."""
     links = [link for link in links if link.source != link.target]
     order = _box_sequence(len(sizes), links, first)
     layer = _box_layers(len(sizes), links, order, first)
@@ -100,7 +97,7 @@ def lay_out(
 
 
 def _box_sequence(count: int, links: Sequence[Link], first: frozenset[int]) -> list[int]:
-    """The position of each box in a sequence in which few arrows go back; `first` begins it."""
+    """By box: its position in an order that few arrows run against; `first` come first."""
     left = dict.fromkeys(i for i in range(count) if i not in first)
     head, tail = sorted(first), list[int]()
     while left:
@@ -130,8 +127,8 @@ def _arrow_surplus(i: int, left: dict[int, None], links: Sequence[Link]) -> int:
 def _box_layers(
     count: int, links: Sequence[Link], order: Sequence[int], first: frozenset[int]
 ) -> list[int]:
-    """The layer of each box: by its longest path, then moved towards its neighbours."""
-    above, below = _neighbours(count, links, order)
+    """By box: its layer, from its longest path, then moved towards its neighbours."""
+    above, below = _joined_boxes(count, links, order)
     downward = sorted(range(count), key=lambda i: order[i])
     layer = [0] * count
     for i in downward:
@@ -149,10 +146,10 @@ def _box_layers(
     return [n - least for n in layer]
 
 
-def _neighbours(
+def _joined_boxes(
     count: int, links: Sequence[Link], order: Sequence[int]
 ) -> tuple[list[list[int]], list[list[int]]]:
-    """For each box, the boxes that an arrow joins to it: those before it, and those after it."""
+    """By box: the boxes joined to it by an arrow, those before it and those after it."""
     above: list[list[int]] = [[] for _ in range(count)]
     below: list[list[int]] = [[] for _ in range(count)]
     ends = {(k.source, k.target) for k in links}
@@ -163,7 +160,7 @@ def _neighbours(
 
 
 def _connect_boxes(layout: GraphLayout, spots: Sequence[Spot], links: Sequence[Link]) -> None:
-    """Makes the pieces of all arrows, and the spots where arrows pass a layer."""
+    """Makes the pieces of all arrows, and the spots where arrows pass through a layer."""
     passing: dict[tuple[int, float, bool, int], Spot] = {}
     drawn: set[tuple[int, int, float, float]] = set()
     for k in links:
@@ -183,7 +180,7 @@ def _connect_boxes(layout: GraphLayout, spots: Sequence[Spot], links: Sequence[L
 
 
 def _meeting_x(spot: Spot, x: float, *, up: bool) -> float:
-    """The x on a spot where an arrow meets it; upward arrows are beside the downward ones."""
+    """The x on a spot where an arrow meets it; upward arrows stand beside downward ones."""
     return min(x + UPWARDS_PX, spot.width - BEND_PX / 2) if up else x
 
 
@@ -196,7 +193,7 @@ def _add_piece(
     up: bool,
     ends: bool,
 ) -> None:
-    """Adds a piece, unless another arrow that shares it has drawn it."""
+    """Adds a piece, unless another arrow with the same piece has added it."""
     source, source_x, target, target_x = way
     key = (id(source), id(target), source_x, target_x)
     if key in drawn:
@@ -212,15 +209,15 @@ def _add_piece(
 
 
 def _sort_layers(layout: GraphLayout) -> None:
-    """Orders the spots of every layer so that few pieces cross."""
-    best, least = [list(layer) for layer in layout.layers], _crossings(layout)
+    """Orders the spots of each layer so that few pieces cross."""
+    best, least = [list(layer) for layer in layout.layers], _crossing_count(layout)
     for sweep in range(SWEEPS):
         downwards = sweep % 2 == 0
         count = len(layout.layers)
         for n in range(1, count) if downwards else range(count - 2, -1, -1):
             _sort_by_means(layout, n, downwards=downwards)
         _swap_neighbours(layout)
-        now = _crossings(layout)
+        now = _crossing_count(layout)
         if now < least:
             best, least = [list(layer) for layer in layout.layers], now
         if not least:
@@ -228,17 +225,17 @@ def _sort_layers(layout: GraphLayout) -> None:
     layout.layers = best
 
 
-def _positions(layer: Sequence[Spot]) -> dict[Spot, float]:
+def _spot_positions(layer: Sequence[Spot]) -> dict[Spot, float]:
     return {spot: float(i) for i, spot in enumerate(layer)}
 
 
 def _share(spot: Spot, x: float) -> float:
-    """The place where a line meets a spot, as a share of its width: 0 to less than 1."""
+    """The place where a line meets a spot, as a share of the spot's width: 0 to less than 1."""
     return 0.98 * x / max(spot.width, 1e-9)
 
 
 def _sort_by_means(layout: GraphLayout, n: int, *, downwards: bool) -> None:
-    other = _positions(layout.layers[n - 1 if downwards else n + 1])
+    other = _spot_positions(layout.layers[n - 1 if downwards else n + 1])
     met: dict[Spot, list[float]] = {}
     for p in layout.pieces:
         if downwards:
@@ -247,12 +244,12 @@ def _sort_by_means(layout: GraphLayout, n: int, *, downwards: bool) -> None:
             mine, its, x = p.above, p.below, p.below_x
         if mine.layer == n:
             met.setdefault(mine, []).append(other[its] + _share(its, x))
-    wish = _positions(layout.layers[n]) | {spot: sum(xs) / len(xs) for spot, xs in met.items()}
+    wish = _spot_positions(layout.layers[n]) | {spot: sum(xs) / len(xs) for spot, xs in met.items()}
     layout.layers[n].sort(key=lambda spot: wish[spot])
 
 
 def _swap_neighbours(layout: GraphLayout) -> None:
-    """Exchanges two neighbours if fewer pieces cross then."""
+    """Swaps two neighbours in a layer wherever fewer pieces cross afterwards."""
     for n, layer in enumerate(layout.layers):
         for i in range(len(layer) - 1):
             before = _crossings_around(layout, n)
@@ -266,13 +263,13 @@ def _crossings_around(layout: GraphLayout, n: int) -> int:
     return above + (_crossings_between(layout, n) if n + 1 < len(layout.layers) else 0)
 
 
-def _crossings(layout: GraphLayout) -> int:
+def _crossing_count(layout: GraphLayout) -> int:
     return sum(_crossings_between(layout, n) for n in range(len(layout.layers) - 1))
 
 
 def _crossings_between(layout: GraphLayout, n: int) -> int:
     """How many pairs of pieces between the layers n and n + 1 cross."""
-    upper, lower = _positions(layout.layers[n]), _positions(layout.layers[n + 1])
+    upper, lower = _spot_positions(layout.layers[n]), _spot_positions(layout.layers[n + 1])
     lines = sorted(
         (upper[p.above] + _share(p.above, p.above_x), lower[p.below] + _share(p.below, p.below_x))
         for p in layout.pieces
@@ -285,7 +282,7 @@ def _crossings_between(layout: GraphLayout, n: int) -> int:
 
 
 def _place_spots(layout: GraphLayout) -> None:
-    """Gives every spot its x, as near to where its neighbours want it as the widths allow."""
+    """Gives every spot an x as near to what its neighbours want as the widths permit."""
     for layer in layout.layers:
         x = 0.0
         for spot in layer:
@@ -317,7 +314,7 @@ def _wanted_x(spot: Spot, joined: Sequence[tuple[float, Spot, float]]) -> tuple[
 
 
 def _nearest_places(layer: Sequence[Spot], wishes: Sequence[tuple[float, float]]) -> list[float]:
-    """The x nearest to the wanted ones, by weighted least squares, that keep order and gaps."""
+    """The x nearest to the wanted ones, by weighted least squares, with order and gaps kept."""
     starts = [0.0]
     for spot, other in pairwise(layer):
         gap = GAP_PX if spot.box is not None and other.box is not None else BEND_PX

@@ -75,7 +75,7 @@ STYLE = """
 def draw_graph(graph: DiagramGraph) -> str:
     """The SVG of a graph; the same graph always gives the same text."""
     sizes = [_part_size(part) for part in graph.parts]
-    at = {key: (i, x) for i, part in enumerate(graph.parts) for key, x in _anchors(part).items()}
+    at = {key: (i, x) for i, part in enumerate(graph.parts) for key, x in _anchors_x(part).items()}
     links = [
         Link(*at[a.source], *at[a.target], names=(a.source, a.target))
         for a in graph.arrows
@@ -110,7 +110,7 @@ def draw_graph(graph: DiagramGraph) -> str:
 
 
 def text_width(text: str, size: float = 13.0) -> float:
-    """About the width in px of a text in sans-serif letters of `size` px, rather too large."""
+    """An estimate of a text's width in px, rather too large, in sans-serif of `size` px."""
     ems = sum(
         0.33 if c in NARROW else 0.92 if c in WIDE else 0.7 if c.isupper() else 0.6 for c in text
     )
@@ -128,20 +128,20 @@ def _part_size(part: Part) -> tuple[float, float]:
     return max(widest + 2 * PAD_X, 46.0), high
 
 
-def _anchors(part: Part, left: float = 0.0) -> dict[str, float]:
-    """By key, the x where arrows meet a part or a part inside, from the outermost's left edge."""
+def _anchors_x(part: Part, left: float = 0.0) -> dict[str, float]:
+    """By key: the x where arrows meet a part or one inside it, from the outermost left edge."""
     width, _ = _part_size(part)
     x_by_key = {part.key: left + width / 2}
     if isinstance(part, ModuleFrame):
         x = left + FRAME_PAD
         for inner in part.inside:
-            x_by_key |= _anchors(inner, x)
+            x_by_key |= _anchors_x(inner, x)
             x += _part_size(inner)[0] + INSIDE_GAP
     return x_by_key
 
 
 def _layer_tops(layout: GraphLayout) -> list[float]:
-    """The upper edge of each layer, and of the space below the last."""
+    """The y of the top of each layer, and of the space below the last one."""
     tops = [0.0]
     for layer in layout.layers:
         high = max((spot.height for spot in layer), default=0.0)
@@ -154,7 +154,7 @@ def _layer_tops(layout: GraphLayout) -> list[float]:
 
 
 def _spot(graph: DiagramGraph, spot: Spot, tops: Sequence[float]) -> Iterator[str]:
-    """Yields the SVG of the part at a spot, which hangs from the top of its layer."""
+    """Yields the SVG of the part at a spot, whose top is the top of its layer."""
     if spot.box is not None:
         yield from _part_lines(graph.parts[spot.box], spot.x, tops[spot.layer])
 
@@ -198,7 +198,7 @@ def _box_element(cell: DiagramBox, place: tuple[float, float, float, float]) -> 
 
 
 def _outline(kind: str, place: tuple[float, float, float, float]) -> str:
-    """The outline of a box; kinds differ in shape as well as in colour."""
+    """The outline of a box; each kind has its own shape as well as its own colour."""
     x, y, width, height = place
     if kind == "dm":
         c = min(10.0, height / 3)
@@ -215,13 +215,13 @@ def _outline(kind: str, place: tuple[float, float, float, float]) -> str:
 
 
 def _legend(width: float, *, upwards: bool) -> tuple[str, float]:
-    """The legend of shapes and colours, in rows of this width, and its height."""
+    """The legend of shapes and colours, in rows of at most this width; and its height."""
     parts, x, y = [], 0.0, 18.0
     for kind, text in (*LEGEND, *((UPWARDS,) if upwards else ())):
         wide = 34 + text_width(text, 11.0) + 16
         if x and x + wide > width:
             x, y = 0.0, y + 22
-        shape = _upward(x + 13, y) if kind == "up" else _outline(kind, (x + 1, y - 8, 24, 14))
+        shape = _up_arrow(x + 13, y) if kind == "up" else _outline(kind, (x + 1, y - 8, 24, 14))
         parts.append(
             f'<g class="{kind}">{shape}<text class="caption" style="text-anchor:start" '
             f'x="{x + 32:.1f}" y="{y + 3:.1f}">{escape(text)}</text></g>'
@@ -230,8 +230,8 @@ def _legend(width: float, *, upwards: bool) -> tuple[str, float]:
     return "".join(parts), y + 20
 
 
-def _upward(x: float, y: float) -> str:
-    """The upward arrow in the legend."""
+def _up_arrow(x: float, y: float) -> str:
+    """The SVG of the upward arrow in the legend."""
     return (
         f'<path class="wire up" d="M{x:.1f} {y + 8:.1f}V{y - 2:.1f}"/>'
         f'<path class="head up" d="M{x:.1f} {y - 9:.1f}L{x - 4:.1f} {y - 1.5:.1f}H{x + 4:.1f}Z"/>'
@@ -242,7 +242,7 @@ def _upward(x: float, y: float) -> str:
 
 
 def _arrow_lines(layout: GraphLayout, tops: Sequence[float]) -> Iterator[str]:
-    """Yields the lines of arrows, and the heads at their ends."""
+    """Yields the SVG of the lines of arrows and of their heads."""
     yield from (
         _passing_line(spot, layout, tops)
         for layer in layout.layers
@@ -254,7 +254,7 @@ def _arrow_lines(layout: GraphLayout, tops: Sequence[float]) -> Iterator[str]:
 
 
 def _passing_line(spot: Spot, layout: GraphLayout, tops: Sequence[float]) -> str:
-    """The straight line of an arrow beside the boxes of a layer."""
+    """The straight line of an arrow that passes the boxes of a layer."""
     up = any(p.up for p in layout.pieces if spot in (p.above, p.below))
     x = spot.x + spot.width / 2
     end = tops[spot.layer] + max((s.height for s in layout.layers[spot.layer]), default=0.0)
@@ -283,5 +283,5 @@ def _piece_lines(p: Piece, tops: Sequence[float]) -> Iterator[str]:
 
 
 def picture(system: System) -> str:
-    """The SVG of a flat system: a whole file, for light and dark."""
+    """The SVG of a flat system as a whole file, for light and dark."""
     return draw_graph(graph_of(system))

@@ -37,7 +37,7 @@ class DiagramBox:
 
 @dataclass(frozen=True)
 class ModuleFrame:
-    """A module: a frame with a title around its controllers and its DM."""
+    """A module: a frame with a title around its AC, DM and SC."""
 
     key: str
     title: str
@@ -49,7 +49,7 @@ Part = DiagramBox | ModuleFrame
 
 @dataclass(frozen=True)
 class Edge:
-    """An arrow from one key to another."""
+    """An arrow from one box or frame to another, by their keys."""
 
     source: str
     target: str
@@ -57,7 +57,7 @@ class Edge:
 
 @dataclass(frozen=True)
 class DiagramGraph:
-    """The nodes and arrows of a diagram. `first`: keys of what stands at the top if possible."""
+    """The parts and arrows of a diagram. `first`: keys of what stands at the top if possible."""
 
     title: str
     parts: tuple[Part, ...]
@@ -76,34 +76,34 @@ TOGETHER_MAX = 9
 
 
 def graph_of(system: System) -> DiagramGraph:
-    """The graph of a system: each component once, and each topic of the program once."""
+    """The graph of a system; each component and each topic of the program is in it once."""
     frames = _module_frames(system)
     framed = {cell.key for frame in frames for cell in boxes_in(frame)}
-    alone = [_component_box(c) for c in system.components if _key(c) not in framed]
+    alone = [_component_box(c) for c in system.components if _box_key(c) not in framed]
     writers, readers = _topic_writers(system), _topic_readers(system)
     topics, boxes = _topic_boxes(system, writers, readers)
     arrows: dict[Edge, None] = {}
     for topic, box in boxes.items():
         arrows |= dict.fromkeys(Edge(key, box) for key in writers[topic])
         arrows |= dict.fromkeys(Edge(box, key) for key in _arrow_ends(frames, readers[topic]))
-    plants = frozenset(_key(c) for c in system.components if c.plant is not None)
+    plants = frozenset(_box_key(c) for c in system.components if c.plant is not None)
     return DiagramGraph(f"System {system.name}", (*alone, *frames, *topics), tuple(arrows), plants)
 
 
 # ---------------------------------------------------------------- components
 
 
-def _key(c: Component) -> str:
+def _box_key(c: Component) -> str:
     return f"c:{c.name}"
 
 
 def _component_box(c: Component) -> DiagramBox:
-    """The box of a component: its name, and below it what it is and how often it runs."""
+    """The box of a component: its name, with its kind and period below."""
     name = c.name.rpartition(".")[2] if c.role in ROLES else c.name
     lines = [ROLES[c.role]] if c.role in ROLES else []
     symbol = c.plant or c.node
-    if c.role in {"plant", "node"} and symbol is not None and _last(symbol.name) != _last(name):
-        lines.append(_last(symbol.name))
+    if c.role in {"plant", "node"} and symbol is not None and _leaf(symbol.name) != _leaf(name):
+        lines.append(_leaf(symbol.name))
     lines.append(show_ns(c.period_ns))
     if c.extern:
         lines.append("extern")
@@ -111,10 +111,10 @@ def _component_box(c: Component) -> DiagramBox:
         lines.append(f"takes {show_ns(c.takes_ns[1])}")
     if c.role == "dm":  # its title says so already
         name, lines = "DM", lines[1:]
-    return DiagramBox(_key(c), c.role, (name,), " · ".join(lines), (c.name,))
+    return DiagramBox(_box_key(c), c.role, (name,), " · ".join(lines), (c.name,))
 
 
-def _last(name: str) -> str:
+def _leaf(name: str) -> str:
     return name.rpartition(".")[2]
 
 
@@ -130,7 +130,7 @@ def _module_frame(system: System, m: Module) -> ModuleFrame:
 
 
 def _arrow_ends(frames: Iterable[ModuleFrame], readers: frozenset[str]) -> list[str]:
-    """The ends of arrows to these readers: a frame, if every box in it reads, else boxes."""
+    """The ends of arrows to these readers: a frame if all boxes in it read, else boxes."""
     left, ends = set(readers), []
     for frame in frames:
         inside = {cell.key for cell in frame.inside}
@@ -144,25 +144,25 @@ def _arrow_ends(frames: Iterable[ModuleFrame], readers: frozenset[str]) -> list[
 
 
 def _program_topics(system: System) -> list[int]:
-    """The topics of the program, without queues and topics that only hold values back."""
+    """The topics that the program has, without queues and topics that only delay values."""
     return [t.index for t in system.topics if t.queue_of is None and not t.held]
 
 
 def _topic_writers(system: System) -> dict[int, frozenset[str]]:
-    """Topic -> keys of what writes it; the outputs of a module come from its frame."""
+    """By topic: keys of what writes it; a module's outputs come from its frame."""
     writers_by_topic: dict[int, set[str]] = {i: set() for i in _program_topics(system)}
     gated = {i: f"m:{m.name}" for m in system.modules for i in m.outputs}
     for c in system.components:
         for i in c.writes:
             if i in writers_by_topic and not (c.module is not None and i in gated):
-                writers_by_topic[i].add(_key(c))
+                writers_by_topic[i].add(_box_key(c))
     for i, key in gated.items():
         writers_by_topic[i].add(key)
     return {i: frozenset(keys) for i, keys in writers_by_topic.items()}
 
 
 def _topic_readers(system: System) -> dict[int, frozenset[str]]:
-    """Topic -> keys of the components that read it."""
+    """By topic: keys of the components that read it."""
     readers_by_topic: dict[int, set[str]] = {}
     for c in system.components:
         read: list[int] = []
@@ -172,14 +172,14 @@ def _topic_readers(system: System) -> dict[int, frozenset[str]]:
             read = list(system.modules[c.module].reads)
         for i in read:
             source = system.topics[i].queue_of
-            readers_by_topic.setdefault(i if source is None else source, set()).add(_key(c))
+            readers_by_topic.setdefault(i if source is None else source, set()).add(_box_key(c))
     return {i: frozenset(readers_by_topic.get(i, ())) for i in _program_topics(system)}
 
 
 def _topic_boxes(
     system: System, writers: dict[int, frozenset[str]], readers: dict[int, frozenset[str]]
 ) -> tuple[list[DiagramBox], dict[int, str]]:
-    """The boxes of topics, and for each topic the key of its box; unused topics have none."""
+    """The boxes of topics, and by topic the key of its box; unused topics have no box."""
     groups: dict[object, list[int]] = {}
     for i in _program_topics(system):
         if writers[i] or readers[i]:

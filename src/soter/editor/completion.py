@@ -15,7 +15,7 @@ from lsprotocol import types as lsp
 
 from soter.diagnostics.diagnostic import Source
 from soter.editor import language_words
-from soter.editor.hover import head, type_text
+from soter.editor.hover import declaration_head, type_text
 from soter.language.syntax import tree
 from soter.language.syntax.lexer import NAME, lex
 
@@ -54,7 +54,7 @@ class CursorContext:
 
 
 def cursor_at(text: str, offset: int) -> CursorContext:
-    """What is around the cursor at a character offset."""
+    """The context of the cursor at a character offset."""
     tokens = lex(Source("", text[:offset]))
     for start, end in tokens.comments:
         if start < offset <= end and not text[start:end].endswith("*/"):
@@ -72,10 +72,10 @@ def cursor_at(text: str, offset: int) -> CursorContext:
     for text_ in texts[:count]:
         _enter_token(stack, text_)
     body, item = stack[-1]
-    return CursorContext(body, tuple(stack[0][1]), tuple(item), _before_dots(item), word, at)
+    return CursorContext(body, tuple(stack[0][1]), tuple(item), _names_before_dots(item), word, at)
 
 
-def _before_dots(item: list[str]) -> tuple[str, ...]:
+def _names_before_dots(item: list[str]) -> tuple[str, ...]:
     """The names before the dots at the end of an item."""
     dotted: list[str] = []
     i = len(item)
@@ -105,7 +105,7 @@ def _enter_token(stack: list[tuple[str, list[str]]], text: str) -> None:
 
 
 def _body_kind(body: str, item: list[str]) -> str:
-    """The kind of body in the braces that an item opens."""
+    """The kind of the body whose braces an item opens."""
     words = [w for w in item if w != "extern"]
     first = words[0] if words else ""
     if "=" in item and first not in BODIES:
@@ -174,7 +174,7 @@ TYPED = {"let", "var", "const", "param", "topic", "input", "state", "disturbance
 def completion_items(
     text: str, offset: int, file: LoadedFile, index: NameIndex, good: NameIndex | None
 ) -> list[lsp.CompletionItem]:
-    """The items for the cursor; `good`: names of the last text that parsed, for its locals."""
+    """Proposals for the cursor; `good`: names of the last text that parsed, for its locals."""
     cursor = cursor_at(text, offset)
     if cursor.quiet:
         return []
@@ -213,7 +213,7 @@ def _items_of_kinds(
 
 
 def _wanted_kinds(cursor: CursorContext) -> set[str] | None:
-    """The kinds of names that can stand here; None: any value; {"new"}: a new name."""
+    """The kinds of names that fit here; None: any value; {"new"}: only a new name."""
     last, first = cursor.item[-1], cursor.item[0]
     before = cursor.item[-2] if len(cursor.item) > 1 else ""
     if last in NAMING or (cursor.body == "file" and last in NAMING_IN_FILE):
@@ -240,7 +240,7 @@ def _kinds_after_colon(cursor: CursorContext) -> set[str] | None:
 def _visible_names(
     cursor: CursorContext, offset: int, file: LoadedFile, index: NameIndex, good: NameIndex | None
 ) -> dict[str, Definition]:
-    """All visible names, of equal ones the innermost."""
+    """By name: the visible definitions; of equal names the innermost one."""
     definition_by_name: dict[str, Definition] = {}
     for prelude in index.files:
         if prelude.prelude:
@@ -249,24 +249,24 @@ def _visible_names(
     definition_by_name |= index.declared_in(file)
     if good is not None:
         home, decl = _enclosing_declaration(cursor, good, file)
-        definition_by_name |= _instances(good, decl)
+        definition_by_name |= _instances_by_name(good, decl)
         reached = [] if home is None or decl is None else good.reach.get(id(home.source), [])
         definition_by_name |= {d.name: d for _, _, d in reached if d.owner is decl}
-    definition_by_name |= _instances(index, _enclosing_declaration(cursor, index, file)[1])
+    definition_by_name |= _instances_by_name(index, _enclosing_declaration(cursor, index, file)[1])
     return definition_by_name | index.locals_at(file.source, offset)
 
 
 def _enclosing_declaration(
     cursor: CursorContext, index: NameIndex, file: LoadedFile
 ) -> tuple[LoadedFile | None, Definition | None]:
-    """The file as the index has it, and the definition of the declaration around the cursor."""
+    """The file in the index, and the declaration around the cursor; None if unknown."""
     home = next((f for f in index.files if f.path == file.path), None)
     declared = {} if home is None else index.declared_in(home)
     return home, next((declared[w] for w in cursor.head if w in declared), None)
 
 
-def _instances(index: NameIndex, decl: Definition | None) -> dict[str, Definition]:
-    """The instances of a system, by name."""
+def _instances_by_name(index: NameIndex, decl: Definition | None) -> dict[str, Definition]:
+    """The instances of a system, by name; {} if there is no declaration."""
     instances = {} if decl is None else index.instances.get(id(decl.node), {})
     return {name: definition for name, (definition, _) in instances.items()}
 
@@ -276,7 +276,7 @@ def _is_value(d: Definition) -> bool:
 
 
 def _sort_key(d: Definition, file: LoadedFile) -> str:
-    """A key that sorts locals first, then this file, then imports and the prelude."""
+    """The key by which locals come first, then names of this file, then all others."""
     if not isinstance(d.node, tree.Decl):
         return "0"
     return "1" if d.file is file else "2"
@@ -305,7 +305,7 @@ def _member_items(
 
 
 def _kinds_behind_import(cursor: CursorContext) -> set[str] | None:
-    """The kinds of names that can follow `import.` here."""
+    """The kinds of names that fit behind `import.` at the cursor."""
     item = cursor.item[: len(cursor.item) - 2 * len(cursor.dotted)]
     if not item:
         return None
@@ -328,7 +328,7 @@ def _word_item(word: str, body: str) -> lsp.CompletionItem:
 
 
 def _name_item(d: Definition, near: str) -> lsp.CompletionItem:
-    detail = type_text(d) if not isinstance(d.node, tree.Decl) else _one_line(head(d))
+    detail = type_text(d) if not isinstance(d.node, tree.Decl) else _one_line(declaration_head(d))
     return lsp.CompletionItem(
         d.name, kind=ICONS.get(d.kind, KIND.Variable), detail=detail, sort_text=f"{near}{d.name}"
     )

@@ -43,7 +43,7 @@ KEPT_CONSTANTS = 64
 
 
 class Overlay(SourceAccess):
-    """Reads files for an editor; `open_text` returns the text of an open document, else None."""
+    """Reads files for an editor; `open_text` gives the text of an open document, else None."""
 
     def __init__(self, open_text: Callable[[Path], str | None]) -> None:
         self._open_text = open_text
@@ -51,15 +51,15 @@ class Overlay(SourceAccess):
         self._data: OrderedDict[tuple[object, ...], tuple[Value, bytes]] = OrderedDict()
         self._constants: OrderedDict[tuple[str, ...], dict[str, tuple[Value, int]]] = OrderedDict()
 
-    def text(
+    def text_of(
         self, path: Path, shown: str, diagnostics: Diagnostics, span: Span | None = None
     ) -> str | None:
-        """The text in the editor, or the one on the disk if the file is not open."""
+        """The text in the editor if the file is open there, else the one on the disk."""
         text = self._open_text(path)
-        return text if text is not None else super().text(path, shown, diagnostics, span)
+        return text if text is not None else super().text_of(path, shown, diagnostics, span)
 
-    def parsed(self, shown: str, text: str, diagnostics: Diagnostics) -> tuple[Source, tree.File]:
-        """The tree of a text, kept with its diagnostics for the next time."""
+    def parse(self, shown: str, text: str, diagnostics: Diagnostics) -> tuple[Source, tree.File]:
+        """The syntax tree of a text; it is kept with its diagnostics for the next call."""
         source, file, items = self._tree(shown, text)
         for item in items:
             diagnostics.add(item)
@@ -67,27 +67,27 @@ class Overlay(SourceAccess):
 
     def _parse(self, shown: str, text: str) -> tuple[Source, tree.File, tuple[Diagnostic, ...]]:
         own_diagnostics = Diagnostics()
-        source, file = super().parsed(shown, text, own_diagnostics)
+        source, file = super().parse(shown, text, own_diagnostics)
         return source, file, own_diagnostics.items
 
-    def data(self, path: Path, t: Type, tell: Callable[[str], None]) -> tuple[Value, bytes]:
-        """The value in a data file, which is read again after it was written."""
+    def data_value(self, path: Path, t: Type, tell: Callable[[str], None]) -> tuple[Value, bytes]:
+        """The value of a data file; the file is read again only after it was written."""
         try:
             status = path.stat()
         except (OSError, ValueError):
-            return super().data(path, t, tell)
+            return super().data_value(path, t, tell)
         key = (str(path), t, status.st_mtime_ns, status.st_size, status.st_ino)
         known = self._data.get(key)
         if known is None:
             self._constants.clear()  # they may depend on the file's old content
-            known = self._data[key] = super().data(path, t, tell)
+            known = self._data[key] = super().data_value(path, t, tell)
             if len(self._data) > KEPT_DATA:
                 self._data.popitem(last=False)
         self._data.move_to_end(key)
         return known
 
-    def constants(self, file: LoadedFile) -> dict[str, tuple[Value, int]]:
-        """The known constants of an imported file, kept while no text or data file changes."""
+    def known_constants(self, file: LoadedFile) -> dict[str, tuple[Value, int]]:
+        """The constants of an imported file, kept until a text or data file changes."""
         texts = _texts_with_imports(file) if file.library else None
         if texts is None:
             return {}
@@ -100,7 +100,7 @@ class Overlay(SourceAccess):
 
 
 def _texts_with_imports(file: LoadedFile) -> tuple[str, ...] | None:
-    """Paths and texts of a file and of all its imports; None if one could not be read."""
+    """Paths and texts of a file and its imports, in turn; None if one cannot be read."""
     texts: list[str] = []
     todo, seen = [file], {id(file)}
     while todo:
@@ -124,7 +124,7 @@ LEFT_OUT = {"node_modules", "__pycache__", "build"}
 
 @dataclass(eq=False)
 class Document:
-    """An open document. `path` is that of its file, or a made-up name if it is not saved."""
+    """An open document. `path`: of its file, or a made-up name if it was never saved."""
 
     uri: str
     path: Path
@@ -141,7 +141,7 @@ class Document:
 
     @property
     def good_index(self) -> NameIndex | None:
-        """The names of the last text without errors."""
+        """The index of the last text without errors; None if there was none."""
         if self.good is None or self.good.loaded is None:
             return None
         if self._good_index is None or self._good_index[0] is not self.good:
@@ -150,7 +150,7 @@ class Document:
 
 
 class Documents:
-    """All open documents; `publish` is called with URI, version and diagnostics of a file."""
+    """All open documents; `publish` is called with a file's URI, version and diagnostics."""
 
     def __init__(self, publish: Publish) -> None:
         self.encoding = "utf-16"
@@ -168,23 +168,23 @@ class Documents:
         return iter(tuple(self._open.values()))
 
     def document_of(self, uri: str) -> Document | None:
-        """The open document that a URI means."""
-        return self._open.get(whole(path_of(uri)))
+        """The open document that a URI means; None if it is not open."""
+        return self._open.get(real_path(path_of(uri)))
 
     def text_of(self, path: Path) -> str | None:
-        """The text of an open document."""
-        document = self._open.get(whole(path))
+        """The text of an open document; None if it is not open."""
+        document = self._open.get(real_path(path))
         return None if document is None else document.text
 
     def uri(self, path: Path) -> str:
-        """The URI of a file: the one the editor uses, where it is open."""
-        document = self._open.get(whole(path))
+        """The URI of a file; if the file is open, the one that the editor uses."""
+        document = self._open.get(real_path(path))
         return document.uri if document is not None else uri_of(Path(os.path.normpath(path)))
 
     def open(self, uri: str, version: int | None, text: str) -> None:
         """Notes that a document was opened, or opened again."""
         path = path_of(uri)
-        self._open[whole(path)] = Document(uri, path, version, text)
+        self._open[real_path(path)] = Document(uri, path, version, text)
         self.mark_changed([path])
 
     def update(self, uri: str, version: int | None, text: str) -> None:
@@ -198,20 +198,20 @@ class Documents:
         self.mark_changed([document.path])
 
     def close(self, uri: str) -> None:
-        """Notes that a document was closed: the file on the disk counts from now on."""
-        document = self._open.pop(whole(path_of(uri)), None)
+        """Notes that a document was closed, so that its file on the disk counts again."""
+        document = self._open.pop(real_path(path_of(uri)), None)
         if document is None:
             return
-        self._waiting.pop(whole(document.path), None)
+        self._waiting.pop(real_path(document.path), None)
         self._publish_found(document.found)
         self.mark_changed([document.path])
 
     # ------------------------------------------------------------ checking
 
     def mark_changed(self, paths: Iterable[Path]) -> None:
-        """Notes that files have changed: open documents that have them wait for a check."""
+        """Notes changed files: the open documents that use them wait for a check."""
         for path in paths:
-            key = whole(path)
+            key = real_path(path)
             if key in self._open:
                 self._waiting.setdefault(key)
             for other, document in self._open.items():
@@ -219,7 +219,7 @@ class Documents:
                     self._waiting.setdefault(other)
 
     def mark_all_changed(self) -> None:
-        """Notes that a data file was written: all documents wait, as any may read it."""
+        """Notes a written data file: all documents wait, as any may read it."""
         self._waiting.update(dict.fromkeys(self._open))
 
     @property
@@ -228,17 +228,17 @@ class Documents:
         return bool(self._waiting)
 
     def check_next(self) -> None:
-        """Checks the document that has waited longest, if any, and publishes the result."""
+        """Checks the document that waits longest, if any, and publishes the result."""
         if self._waiting:
             self._check(self._open[next(iter(self._waiting))])
 
     def check_if_waiting(self, document: Document) -> None:
-        """Checks a document now if it waits, so that answers are about its present text."""
-        if whole(document.path) in self._waiting:
+        """Checks a document now if it waits, so that answers fit its text."""
+        if real_path(document.path) in self._waiting:
             self._check(document)
 
     def _check(self, document: Document) -> None:
-        del self._waiting[whole(document.path)]
+        del self._waiting[real_path(document.path)]
         checked = check_file(str(document.path), document.text, reading=self.reading)
         document.checked = checked
         if checked.ok:
@@ -248,34 +248,34 @@ class Documents:
         self._publish_found({document.path: [], **document.found, **before})
 
     def _publish_found(self, files: Iterable[Path]) -> None:
-        """Publishes what all checks together found in each of some files."""
-        for key in dict.fromkeys(whole(path) for path in files):
+        """Publishes for each file the diagnostics from the checks of all documents."""
+        for key in dict.fromkeys(real_path(path) for path in files):
             items: dict[str, lsp.Diagnostic] = {}
             for document in self._open.values():
                 for path, diagnostics in document.found.items():
-                    if whole(path) == key:
+                    if real_path(path) == key:
                         items |= {f"{d.range} {d.code} {d.message}": d for d in diagnostics}
             document_here = self._open.get(key)
             version = None if document_here is None else document_here.version
             self._publish(self.uri(key), version, list(items.values()))
 
     def _files_of(self, document: Document) -> set[Path]:
-        """The files that a document was made of when it was last checked or parsed."""
+        """The files that the last check of a document read."""
         loaded = None if document.checked is None else document.checked.loaded
-        return set() if loaded is None else {whole(f.path) for f in loaded.files}
+        return set() if loaded is None else {real_path(f.path) for f in loaded.files}
 
     # ------------------------------------------------------------ for questions
 
     def parsed_program(self, document: Document) -> LoadedProgram:
-        """The trees of a document's text as it is now, and of what it imports."""
+        """The syntax trees of a document's present text and of its imports."""
         return self.parsed_names(document)[0]
 
     def name_index(self, document: Document) -> NameIndex:
-        """The names of a document's text as it is now, and of what it imports."""
+        """The index of the names in a document's present text and in its imports."""
         return self.parsed_names(document)[1]
 
     def parsed_names(self, document: Document) -> tuple[LoadedProgram, NameIndex]:
-        """Trees and names of a document, made again only if a text has changed."""
+        """Trees and index of a document, made again only if a text has changed."""
         loaded = load(str(document.path), Diagnostics(), document.text, self.reading)
         assert loaded is not None, "a text can always be read"
         key = tuple(id(f.file) for f in loaded.files)
@@ -284,29 +284,29 @@ class Documents:
         return document.indexed[1:]
 
     def every_file(self) -> Iterator[LoadedFile]:
-        """Yields every file of the workspace, parsed, open ones first."""
+        """Yields every file of the workspace, parsed; open ones come first."""
         for path in self.programs():
-            if (text := self.reading.text(path, str(path), Diagnostics())) is not None:
-                source, file = self.reading.parsed(str(path), text, Diagnostics())
+            if (text := self.reading.text_of(path, str(path), Diagnostics())) is not None:
+                source, file = self.reading.parse(str(path), text, Diagnostics())
                 yield LoadedFile(path, source, file, "", library=False)
 
     def programs(self, about: Document | None = None) -> list[Path]:
-        """Every program of the workspace: open documents, files of its folders and beside one."""
-        paths = {whole(d.path): d.path for d in self}
+        """The workspace's programs: open documents, files in folders and beside `about`."""
+        paths = {real_path(d.path): d.path for d in self}
         beside = () if about is None else (about.path.parent,)
         for folder in (*self.folders, *beside):
             for path in islice(_soter_files(folder), FILES_MAX):
-                paths.setdefault(whole(path), path)
+                paths.setdefault(real_path(path), path)
         return list(paths.values())
 
     def programs_naming(self, name: str, about: Document) -> list[tuple[Path, NameIndex]]:
-        """The programs whose main file contains a name, and the document itself."""
+        """The programs whose main file has a name, and the document `about`."""
         word = re.compile(rf"\b{re.escape(name)}\b")
         programs = [(about.path, self.name_index(about))]
         for path in self.programs(about):
-            if whole(path) == whole(about.path):
+            if real_path(path) == real_path(about.path):
                 continue
-            text = self.reading.text(path, str(path), Diagnostics())
+            text = self.reading.text_of(path, str(path), Diagnostics())
             if text is None or not word.search(text):
                 continue
             loaded = load(str(path), Diagnostics(), text, self.reading)
@@ -315,7 +315,7 @@ class Documents:
         return programs
 
     def lines_of(self, span: Span) -> Lines:
-        """The lines of the text that a span is of."""
+        """The lines of the text in which a span lies."""
         return self.lines(span.source)
 
     def lines(self, source: Source) -> Lines:
@@ -328,21 +328,21 @@ class Documents:
         return known[1]
 
     def location(self, span: Span) -> lsp.Location:
-        """The place of a span, for the editor."""
+        """The place of a span in the editor's protocol."""
         lines = self.lines_of(span)
         return lsp.Location(self.uri(path_of_span(span)), lines.range(span.start, span.end))
 
 
 def _soter_files(folder: Path) -> Iterator[Path]:
-    """The programs below a folder, hidden folders and environments left out."""
+    """Yields the programs below a folder, without hidden folders and environments."""
     for at, folders, files in os.walk(folder):
         folders[:] = sorted(f for f in folders if not f.startswith(".") and f not in LEFT_OUT)
         yield from (Path(at) / f for f in sorted(files) if f.endswith(".soter"))
 
 
 @lru_cache(maxsize=1024)
-def whole(path: Path) -> Path:
-    """The one path by which a file is known, however it is reached."""
+def real_path(path: Path) -> Path:
+    """The resolved path of a file, the same however the file is reached."""
     try:
         return path.resolve()
     except (OSError, ValueError, RuntimeError):

@@ -37,16 +37,16 @@ BUDGETS = (20_000, 200_000)
 
 
 def hover_text(d: Definition, checked: CheckResult | None) -> str:
-    """Markdown about a definition; `checked` is the last good check of the program."""
-    parts = [f"```soter\n{head(d)}\n```"]
+    """Markdown about a definition; `checked`: the program's last check without errors."""
+    parts = [f"```soter\n{declaration_head(d)}\n```"]
     parts += fact_lines(d, checked)
     if comment := comment_above(d):
         parts.append(comment)
     return "\n\n".join(parts)
 
 
-def head(d: Definition) -> str:
-    """The declaration as it is written, without its body."""
+def declaration_head(d: Definition) -> str:
+    """The declaration as written, without its body."""
     node = d.node
     if isinstance(node, (tree.NodeDecl, tree.PlantDecl, tree.RtaDecl)):
         return _shown_lines(node.span.text, _shown_words(node))
@@ -74,7 +74,7 @@ DECLARED = {"type", "constant", "parameter", "topic", "import"}
 
 
 def _shown_words(node: tree.NodeDecl | tree.PlantDecl | tree.RtaDecl) -> tuple[str, ...]:
-    """The words that begin the lines of a body which are shown."""
+    """The words with which the shown lines of a body begin."""
     if isinstance(node, tree.NodeDecl):
         return ("subscribes", "publishes", "takes", "wcet")
     if isinstance(node, tree.PlantDecl):
@@ -83,7 +83,7 @@ def _shown_words(node: tree.NodeDecl | tree.PlantDecl | tree.RtaDecl) -> tuple[s
 
 
 def _shown_lines(text: str, words: tuple[str, ...]) -> str:
-    """The head of a body, and the lines in it that begin with one of the words."""
+    """The head of a body, and those of its lines that begin with one of the words."""
     lines = [line.rstrip() for line in text.splitlines()]
     kept = [line for line in lines[1:] if line.split(" ", 1)[0:1] and _first_word(line) in words]
     shown = [f"  {line.strip()}" for line in kept[: LINES_MAX - 2]]
@@ -100,7 +100,7 @@ def _text_before(text: str, sign: str) -> str:
 
 
 def comment_above(d: Definition) -> str:
-    """The comment lines right above a declaration of a file, and the one at its end."""
+    """The comment lines right above a declaration, and the comment behind its end."""
     node = d.node
     if not isinstance(node, tree.Decl) or d.kind in {"member", "instance"}:
         return ""
@@ -119,15 +119,15 @@ def comment_above(d: Definition) -> str:
 
 
 def fact_lines(d: Definition, checked: CheckResult | None) -> list[str]:
-    """Lines with what a check computed: values, periods, sets."""
+    """Lines with computed facts: values, periods, sets; [] without a check."""
     program = None if checked is None else checked.program
     if program is None or checked is None or checked.loaded is None:
         return []
     prefix = next((f.prefix for f in checked.loaded.files if f.path == path_of_span(d.span)), None)
-    return [] if prefix is None else list(_facts(d.kind, prefix + d.name, program))
+    return [] if prefix is None else list(_facts_of_name(d.kind, prefix + d.name, program))
 
 
-def _facts(kind: str, name: str, program: TypedProgram) -> Iterable[str]:
+def _facts_of_name(kind: str, name: str, program: TypedProgram) -> Iterable[str]:
     number = _Numbers(program)
     if kind == "constant" and name in program.consts:
         const = program.consts[name]
@@ -145,15 +145,15 @@ def _facts(kind: str, name: str, program: TypedProgram) -> Iterable[str]:
             yield "never stale: no `max_age`"
         if topic.static:
             yield "static: what it says stays true"
-        yield _neighbours(topic, program)
+        yield _users_of_topic(topic, program)
     elif kind in {"node", "plant", "module"}:
         symbol = program.nodes.get(name) or program.plants.get(name) or program.modules.get(name)
         if symbol is not None:
             yield f"period: {number(symbol.period)}"
 
 
-def _neighbours(topic: TopicSymbol, program: TypedProgram) -> str:
-    """A line on which parts publish a topic, and which read it."""
+def _users_of_topic(topic: TopicSymbol, program: TypedProgram) -> str:
+    """A line that says which parts publish a topic and which read it."""
     nodes, plants = program.nodes.values(), program.plants.values()
     writers = [n.name for n in nodes if topic in n.publishes]
     writers += [p.name for p in plants if topic in [t for t, _ in p.drives]]
@@ -167,7 +167,7 @@ def _name_list(names: list[str]) -> str:
 
 
 class _Numbers:
-    """Evaluates numbers of a program with its parameters at their defaults."""
+    """Evaluates expressions of a program with all parameters at their defaults."""
 
     def __init__(self, program: TypedProgram) -> None:
         constant = Calculator(Diagnostics(), None, BUDGETS)
@@ -176,13 +176,13 @@ class _Numbers:
         self._calculator = Calculator(Diagnostics(), params, BUDGETS)
 
     def __call__(self, expr: TypedExpr) -> str:
-        """The number as text; its source text if it cannot be computed."""
+        """The value as text; the expression's source if it cannot be computed."""
         value = self._calculator.value(expr, "")
         return " ".join(expr.span.text.split()) if value is None else value_text(expr.type, value)
 
 
 def value_text(t: Type, value: Value) -> str:
-    """A value as people write it, not too long."""
+    """A value as people write it, shortened if it is long."""
     if isinstance(t, DurationType):
         return write_ns(value)
     if isinstance(value, Table):
@@ -192,7 +192,7 @@ def value_text(t: Type, value: Value) -> str:
 
 
 def type_text(d: Definition) -> str:
-    """The type of a definition as it is written, else as the checker says it."""
+    """The type of a definition as it is written, or else as the checker names it."""
     written = d.node[1] if isinstance(d.node, tuple) else getattr(d.node, "type", None)
     if isinstance(written, tree.TypeExpr):
         return " ".join(written.span.text.split())

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(eq=False)
 class Definition:
-    """A thing that has a name; `node` is the syntax that declares it."""
+    """Something with a name; `node` is the syntax that declares it."""
 
     name: str
     kind: str
@@ -37,26 +37,26 @@ class Definition:
 
     @property
     def key(self) -> tuple[Path, int]:
-        """The place of the declaration, equal for the same thing in two parses of a text."""
+        """The place of the declaration, the same for two parses of the same text."""
         return path_of_span(self.span), self.span.start
 
 
 @dataclass(frozen=True)
 class Use:
-    """A name where it is written; also where it is declared."""
+    """A place where a name is written; its declaration is one, too."""
 
     span: Span
     definition: Definition
 
     @property
     def is_declaration(self) -> bool:
-        """Whether this use is the declaration of the name."""
+        """Whether this use is the declaration itself."""
         return self.span == self.definition.span
 
 
 @dataclass(eq=False)
 class NameIndex:
-    """All names of a program. `top`: file -> its declarations; `reach`: how far locals are seen."""
+    """All names of a program. `top`: declarations by file; `reach`: where locals are visible."""
 
     files: tuple[LoadedFile, ...]
     top: dict[int, dict[str, Definition]] = field(default_factory=dict)
@@ -72,18 +72,18 @@ class NameIndex:
     _starts: dict[int, list[tuple[int, int]]] = field(default_factory=dict)
 
     def note_use(self, span: Span, definition: Definition) -> None:
-        """Notes what a name at a place means; the first meaning of a place stays."""
+        """Notes the meaning of a name at a place; the first meaning noted there stays."""
         self._uses.setdefault(id(span.source), {}).setdefault(
             (span.start, span.end), Use(span, definition)
         )
 
     def uses_in(self, source: Source) -> list[Use]:
-        """All names of a file, in order."""
+        """The uses of names in a file, in order."""
         use_by_place = self._uses.get(id(source), {})
         return [use_by_place[place] for place in sorted(use_by_place)]
 
     def use_at(self, source: Source, offset: int) -> Use | None:
-        """The use of a name at an offset, or that ends there."""
+        """The use of a name that contains an offset or ends there; or None."""
         use_by_place = self._uses.get(id(source), {})
         places = self._starts.get(id(source))
         if places is None:
@@ -94,7 +94,7 @@ class NameIndex:
         return None
 
     def uses_of(self, key: tuple[Path, int]) -> list[Use]:
-        """Every place at which a definition is named, the declaration included."""
+        """All places where a definition is named, its declaration included."""
         return [
             use
             for file in self.files
@@ -103,10 +103,10 @@ class NameIndex:
         ]
 
     def locals_at(self, source: Source, offset: int) -> dict[str, Definition]:
-        """The locals that are visible at an offset, of equal names the innermost."""
+        """By name: the locals visible at an offset; of equal names the innermost."""
         seen = [r for r in self.reach.get(id(source), []) if r[0] <= offset <= r[1]]
         return {d.name: d for _, _, d in sorted(seen, key=lambda r: r[0])}
 
     def declared_in(self, file: LoadedFile) -> dict[str, Definition]:
-        """What a file declares and imports, by name."""
+        """By name: the declarations and imports of a file."""
         return self.top.get(id(file), {})

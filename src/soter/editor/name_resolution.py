@@ -48,7 +48,7 @@ UNSEEN = {"clause", "measure", "view", "axis"}
 
 
 def index_of(loaded: LoadedProgram) -> NameIndex:
-    """The names of a program: of all its files, and what the prelude declares."""
+    """The index of names in all files of a program and in the prelude."""
     meant = Meanings()
     checker = Checker(loaded, Diagnostics(), meant)
     checker.check_program()
@@ -59,7 +59,7 @@ def index_of(loaded: LoadedProgram) -> NameIndex:
 
 
 class Members:
-    """One pass over all trees that makes an index; afterwards it finds names after a dot."""
+    """Makes the index in one pass over all trees; afterwards it finds names behind dots."""
 
     def __init__(self, index: NameIndex, checker: Checker, meant: Meanings) -> None:
         self.index = index
@@ -102,7 +102,7 @@ class Members:
             self._owner = None
             entered = self._definition(decl.name, KINDS[type(decl).__name__], decl, file)
             entry = self._entry_of.get(id(decl))
-            entered.of = None if entry is None else _stands_for(entry.symbol)
+            entered.of = None if entry is None else _symbol_meaning(entry.symbol)
             if names.get(decl.name.text) is None or names[decl.name.text].kind == "import":
                 names[decl.name.text] = entered
             self._owner = entered
@@ -112,7 +112,7 @@ class Members:
     def _definition(
         self, name: tree.Name, kind: str, node: object, file: LoadedFile, of: object = None
     ) -> Definition:
-        """The definition that stands at a name; the same one whenever it is asked for."""
+        """The definition at the place of a name; it is made by the first call."""
         known = self._by_place.get(_place(name))
         if known is None:
             known = Definition(name.text, kind, name.word, node, file, of, self._owner)
@@ -121,7 +121,7 @@ class Members:
         return known
 
     def _enter_declared_inside(self, piece: Any, decl: tree.Decl, file: LoadedFile) -> None:  # noqa: ANN401
-        """Enters what is declared in a piece of syntax; `decl`: the declaration around it."""
+        """Enters the declarations in a piece of syntax; `decl` is around it."""
         if isinstance(piece, tuple):
             for part in piece:
                 self._enter_declared_inside(part, decl, file)
@@ -164,7 +164,7 @@ class Members:
     # ------------------------------------------------------------ uses
 
     def _note_names_in(self, piece: Any, file: LoadedFile) -> None:  # noqa: ANN401 - any piece of syntax
-        """Notes the names in a piece of syntax."""
+        """Notes the meanings of the names in a piece of syntax."""
         if isinstance(piece, tuple):
             for part in piece:
                 self._note_names_in(part, file)
@@ -198,7 +198,7 @@ class Members:
             self._axes = outer
 
     def _note_expression(self, piece: tree.SyntaxExpr, file: LoadedFile) -> None:
-        """Notes a chain of names, dots and brackets, and what is in the brackets."""
+        """Notes a chain of names, dots and brackets, and names within brackets."""
         names: list[tuple[tree.Name, int]] = []
         count = 0
         while isinstance(piece, (tree.FieldExpr, tree.IndexExpr)):
@@ -217,9 +217,9 @@ class Members:
             self._note_chain([(name, 0)], file, first=False)
 
     def _note_instance(self, item: tree.Instance, file: LoadedFile) -> None:
-        """Notes the names of an instance; what is set in its braces may be inside of it."""
+        """Notes an instance's names; names set in its braces may be of its inside."""
         self._note_names_in((item.name, item.what, item.renames), file)
-        declared = self._referred(item.what, file)
+        declared = self._ref_definition(item.what, file)
         outer = self._instances
         self._instances = self._instances_inside(declared)
         self._note_names_in(item.sets, file)
@@ -229,12 +229,12 @@ class Members:
     def _note_chain(
         self, names: list[tuple[tree.Name, int]], file: LoadedFile, *, first: bool = True
     ) -> None:
-        """Notes the names of a path, each with the number of its indices."""
+        """Notes the names of a path, each paired with its number of indices."""
         of: object = None
         for k, (name, indices) in enumerate(names):
             found = self._meaning(name)
             if found is None and k == 0 and first:
-                found = self._first_meaning(name, file)
+                found = self._nearest_definition(name, file)
             if found is None and k:
                 found, of = self._member_named(of, name.text)
             else:
@@ -245,7 +245,7 @@ class Members:
                 of = of.element if isinstance(of, (ArrayType, ListType)) else of
 
     def _meaning(self, name: tree.Name) -> Definition | None:
-        """The definition that the checker took a name for, or that is declared there."""
+        """The definition that the checker found for a name, or that is there; or None."""
         meaning = self._meant.at.get(_place(name))
         if isinstance(meaning, Entry):
             return self.index.top[id(meaning.scope.loaded)].get(meaning.decl.name.text)
@@ -260,12 +260,12 @@ class Members:
         return self._by_place.get(_place(name))
 
     def _symbol_definition(self, symbol: object) -> Definition | None:
-        """The definition of a symbol."""
+        """The definition of a symbol; None if it is not in the index."""
         entry = self._of_symbol.get(id(symbol))
         return None if entry is None else self._by_place.get(_place(entry.decl.name))
 
     def _field_definition(self, of: object, name: str) -> Definition | None:
-        """The definition of a field of a record type, or of a member of an enum."""
+        """The definition of a record's field or an enum's member; or None."""
         if isinstance(of, EnumType):
             entry = next(
                 (e for e in self._entry_of.values() if e.symbol == of and e.kind == "type"), None
@@ -288,8 +288,8 @@ class Members:
     def _file_of(self, name: tree.Name) -> LoadedFile:
         return next(f for f in self.index.files if f.source is name.span.source)
 
-    def _first_meaning(self, name: tree.Name, file: LoadedFile) -> Definition | None:
-        """The local, axis, instance or declaration that a name may mean, in this order."""
+    def _nearest_definition(self, name: tree.Name, file: LoadedFile) -> Definition | None:
+        """The local, axis, instance or declaration that a name may mean; or None."""
         local = self.index.locals_at(name.span.source, name.span.start).get(name.text)
         instance = self._instances.get(name.text, (None, None))[0]
         found = self._axes.get(name.text) or local or instance
@@ -304,7 +304,7 @@ class Members:
         entry = self._checker.names.prelude.get(name)
         return declared or (None if entry is None else self._by_place.get(_place(entry.decl.name)))
 
-    def _referred(self, ref: tree.Ref, file: LoadedFile) -> Definition | None:
+    def _ref_definition(self, ref: tree.Ref, file: LoadedFile) -> Definition | None:
         if ref.qualifier is None:
             return self._meaning(ref.name) or self._declared_name(ref.name.text, file)
         return self._meaning(ref.name)
@@ -312,13 +312,13 @@ class Members:
     # ------------------------------------------------------------ instances
 
     def _instances_inside(self, outer_: Definition | None) -> Instances:
-        """The instances of a system by name; none of anything else."""
+        """The instances of a system, by name; {} for anything else."""
         if outer_ is None or not isinstance(outer_.node, tree.SystemDecl):
             return {}
         instances = self.index.instances.setdefault(id(outer_.node), {})
         outer, self._owner = self._owner, outer_
         for item in () if instances else _all_instances(outer_.node.instances):
-            of = self._referred(item.what, outer_.file)
+            of = self._ref_definition(item.what, outer_.file)
             if item.kind is not None and of is not None:
                 instances[item.name.text] = of, of
             elif item.kind is None and item.name.text in instances:
@@ -330,13 +330,13 @@ class Members:
         return instances
 
     def _instances_beside(self, decl: tree.Decl, file: LoadedFile) -> Instances:
-        """The instances that a declaration may name: of its system, or of all with the module."""
+        """Instances that a declaration may name, of its system or of those with its module."""
         system = self._by_place[_place(decl.name)]
         if isinstance(decl, tree.SystemDecl):
             return self._instances_inside(system)
         if isinstance(decl, tree.TestDecl):
             return (
-                self._instances_inside(self._referred(decl.system, file))
+                self._instances_inside(self._ref_definition(decl.system, file))
                 if decl.system is not None
                 else {}
             )
@@ -351,34 +351,34 @@ class Members:
         return beside
 
     def _component_named(self, name: str, instances: Instances) -> Definition | None:
-        """The node of a module of a system that the system calls by the node's name alone."""
+        """A node in a module that its system knows by the node's name; or None."""
         for _, part in instances.values():
             found = None
             if part is not None and isinstance(part.node, tree.RtaDecl):
-                found = self._controller(part, name)
+                found = self._controller_named(part, name)
             elif part is not None:
                 found = self._component_named(name, self._instances_inside(part))
             if found is not None:
                 return found
         return None
 
-    def _controller(self, module: Definition, name: str) -> Definition | None:
-        """The AC or SC of a module that has this name."""
+    def _controller_named(self, module: Definition, name: str) -> Definition | None:
+        """The AC or SC of a module with this name; or None."""
         assert isinstance(module.node, tree.RtaDecl)
         for ref in (module.node.ac, module.node.sc, *module.node.plans):
             if isinstance(ref, tree.Ref) and ref.name.text == name:
-                return self._referred(ref, module.file)
+                return self._ref_definition(ref, module.file)
         return None
 
     def _axes_of(
         self, block: tree.VerifyBlock | tree.View, file: LoadedFile
     ) -> dict[str, Definition]:
-        """The axes that a block declares, each standing for the states of its plant."""
+        """By name: the axes that a block declares for states of its plants."""
         axes = {}
         for _, parts in block.abstracts:
             for part in parts:
                 axis = self._definition(part.name, "axis", part, file)
-                plant = self._referred(part.plant, file)
+                plant = self._ref_definition(part.plant, file)
                 axis.of = None if plant is None else plant.of
                 axes[part.name.text] = axis
         return axes
@@ -386,7 +386,7 @@ class Members:
     # ------------------------------------------------------------ behind a dot
 
     def _member_named(self, of: object, name: str) -> tuple[Definition | None, object]:
-        """The definition of a member, if one declares it, and what the member stands for."""
+        """A member's definition, or None, and its meaning: a type, a symbol or a file."""
         found: Definition | None = None
         if isinstance(of, LoadedFile):
             found = self.index.declared_in(of).get(name)
@@ -406,20 +406,20 @@ class Members:
             found = self._by_place[id(drawn[0].source), drawn[0].start] if drawn else found
         elif isinstance(of, typed.SystemSymbol):
             found = self._instances_inside(self._symbol_definition(of)).get(name, (None, None))[0]
-            for topic in () if found is not None else self._checker.topics_of(of):
+            for topic in () if found is not None else self._checker.topics_of_system(of):
                 if topic.name.rpartition(".")[2] == name:
                     found = self._symbol_definition(topic)
         elif isinstance(of, typed.ModuleSymbol):
             module = self._symbol_definition(of)
-            found = None if module is None else self._controller(module, name)
+            found = None if module is None else self._controller_named(module, name)
         return found, None if found is None else found.of
 
     def meaning_of_member(self, of: object, name: str) -> object:
-        """What the member of this name stands for."""
+        """The meaning of the member with this name: a type, a symbol or a file."""
         return None if name == "]" else self._member_named(of, name)[1]
 
     def members_of(self, of: object) -> Iterator[tuple[str, str, str]]:
-        """Yields name, detail and kind of every member."""
+        """Yields name, detail and kind of every member of a type, a symbol or a file."""
         if isinstance(of, LoadedFile):
             for name, d in self.index.declared_in(of).items():
                 if d.kind != "import":
@@ -438,7 +438,7 @@ class Members:
             for name, (d, _) in self._instances_inside(self._symbol_definition(of)).items():
                 yield name, d.kind, "field"
         elif isinstance(of, typed.ModuleSymbol):
-            for node in of.named:
+            for node in of.named_nodes:
                 yield node.name.rpartition(".")[2], "controller", "field"
 
 
@@ -446,8 +446,8 @@ def _place(name: tree.Name) -> tuple[int, int]:
     return id(name.span.source), name.span.start
 
 
-def _stands_for(symbol: object) -> object:
-    """What a declared name stands for: the type of a value, or the symbol itself."""
+def _symbol_meaning(symbol: object) -> object:
+    """The meaning of a declared name: the type if it is a value, else the symbol."""
     if isinstance(symbol, (typed.ConstSymbol, typed.ParamSymbol, typed.TopicSymbol)):
         t: Type = symbol.type
         return t
@@ -455,7 +455,7 @@ def _stands_for(symbol: object) -> object:
 
 
 def _field_names(syntax: object) -> list[tree.Name]:
-    """The names that a piece of syntax declares as fields or members."""
+    """The names that a piece of syntax declares as fields, members or states."""
     if isinstance(syntax, tree.TypeDecl):
         return list(syntax.type.members) if isinstance(syntax.type, tree.EnumTypeExpr) else []
     if isinstance(syntax, (tree.RecordTypeExpr, tree.RecordExpr)):
@@ -464,7 +464,7 @@ def _field_names(syntax: object) -> list[tree.Name]:
 
 
 def _all_instances(items: tuple[object, ...]) -> list[tree.Instance]:
-    """The instances of a system, those in loops included."""
+    """The instances of a system, also those in loops."""
     instances: list[tree.Instance] = []
     for item in items:
         if isinstance(item, tree.Instance):

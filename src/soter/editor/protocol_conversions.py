@@ -31,7 +31,7 @@ _PRELUDE = "<prelude>/"
 
 
 class Lines:
-    """A text's lines, as the protocol ends them; `encoding`: "utf-8", "utf-16" or "utf-32"."""
+    """The lines of a text by the protocol; `encoding`: "utf-8", "utf-16" or "utf-32"."""
 
     def __init__(self, text: str, encoding: str = "utf-16") -> None:
         self.text = text
@@ -41,13 +41,13 @@ class Lines:
         self._ascii = text.isascii()
 
     def position(self, offset: int) -> lsp.Position:
-        """The position of a character offset; for one beyond the text that of its end."""
+        """The position of a character offset; beyond the text, that of its end."""
         offset = min(max(offset, 0), len(self.text))
         line = bisect_right(self._starts, offset) - 1
         return lsp.Position(line, self._unit_count(self.text[self._starts[line] : offset]))
 
     def offset(self, position: lsp.Position) -> int:
-        """The character offset of a position; beyond its line it is the line's end."""
+        """The character offset of a position; beyond its line, that of the line's end."""
         if position.line >= len(self._starts):
             return len(self.text)
         start = self._starts[position.line]
@@ -75,7 +75,7 @@ class Lines:
         return len(text.encode(self._codec, "surrogatepass")) // self._bytes
 
     def _line_end(self, line: int) -> int:
-        """The end of the line, before its line break."""
+        """The offset of the line's end, before its line break."""
         if line + 1 == len(self._starts):
             return len(self.text)
         end = self._starts[line + 1] - 1
@@ -84,7 +84,7 @@ class Lines:
 
 
 def path_of(uri: str) -> Path:
-    """The file that a URI means; a name of its own for what is in no file (`untitled:`)."""
+    """The path that a URI means; a made-up name for a text without a file (`untitled:`)."""
     fs_path = uris.to_fs_path(uri) if uri.startswith("file:") else None
     return Path(fs_path) if fs_path else Path(re.sub(r"[^\w.-]", "_", uri))
 
@@ -97,7 +97,7 @@ def uri_of(path: Path) -> str:
 
 
 def path_of_span(span: Span) -> Path:
-    """The file that a span is in: what the prelude is called in messages is no path."""
+    """The path of the file in which a span lies, also for files of the prelude."""
     name = span.source.name
     if name.startswith(_PRELUDE):
         return PRELUDE_DIR / name.removeprefix(_PRELUDE)
@@ -116,7 +116,7 @@ AGAIN = "and here"
 def shown_by_file(
     diagnostics: Iterable[Diagnostic], main: Path, lines_of: Callable[[Span], Lines]
 ) -> dict[Path, list[lsp.Diagnostic]]:
-    """The diagnostics of each file; what is about no place stands at the start of `main`."""
+    """By file: its diagnostics; those without a place are at the start of `main`."""
     files: dict[Path, list[lsp.Diagnostic]] = {main: []}
     for d in diagnostics:
         if d.primary is None:
@@ -135,7 +135,7 @@ def shown_by_file(
 
 
 def range_of(span: Span, lines_of: Callable[[Span], Lines]) -> lsp.Range:
-    """The range of a span, of one character at least where there is one on its line."""
+    """The range of a span; it has a character at least, if its line has one there."""
     return lines_of(span).range(span.start, span.end)
 
 

@@ -34,11 +34,11 @@ _Program = tuple["NameIndex", "dict[tuple[str, Place], str]"]
 
 
 class RefusedError(Exception):
-    """A rename cannot be done; the text says why."""
+    """Raised if a rename is not possible; the text says why."""
 
 
 def uses_of(definition: Definition, indices: Iterable[NameIndex]) -> list[Use]:
-    """Every place of a definition in some programs, each once, in order."""
+    """All places of a definition in some programs, each once, in order."""
     use_by_place: dict[Place, Use] = {}
     for index in indices:
         for use in index.uses_of(definition.key):
@@ -47,7 +47,7 @@ def uses_of(definition: Definition, indices: Iterable[NameIndex]) -> list[Use]:
 
 
 def require_name(definition: Definition, name: str) -> None:
-    """Raises RefusedError if nothing of the definition's kind can have this name."""
+    """Raises RefusedError if this name is not possible for the kind of the definition."""
     if not NAME.fullmatch(name):
         raise RefusedError(f"`{name}` is no name: letters, digits and `_`, not a digit first")
     if name in RESERVED:
@@ -59,7 +59,7 @@ def require_name(definition: Definition, name: str) -> None:
 def rename_spans(
     definition: Definition, name: str, programs: Iterable[Path], reading: SourceAccess
 ) -> list[Span]:
-    """The spans in which to write `name` in all files; RefusedError if that changes a meaning."""
+    """The spans in all files to overwrite with `name`; RefusedError if a meaning changes."""
     require_name(definition, name)
     mains = list(programs)
     before = {path: _names_and_messages(path, reading) for path in mains}
@@ -71,8 +71,8 @@ def rename_spans(
         for use in uses
         if use.span.source is source
     }
-    moved = _Moved(uses, len(name) - len(definition.name))
-    after = _After(reading, texts)
+    moved = _PlaceAfterRename(uses, len(name) - len(definition.name))
+    after = _RenamedFiles(reading, texts)
     for path in mains:
         _require_same_meaning(
             before[path], _names_and_messages(path, after), moved, definition, name
@@ -81,7 +81,7 @@ def rename_spans(
 
 
 def _names_and_messages(path: Path, reading: SourceAccess) -> _Program:
-    """The names of a program, and the messages of the checker."""
+    """The names of a program with their meanings, and the messages of the checker."""
     loaded = load(str(path), Diagnostics(), None, reading)
     if loaded is None:
         raise RefusedError(f"cannot read `{path}`")
@@ -94,8 +94,8 @@ def _names_and_messages(path: Path, reading: SourceAccess) -> _Program:
     return index_of(loaded), found_at
 
 
-class _Moved:
-    """Maps a place in the old texts to its place in the new ones."""
+class _PlaceAfterRename:
+    """Maps a place in the old texts to its place after the rename."""
 
     def __init__(self, uses: list[Use], longer: int) -> None:
         self._longer = longer
@@ -108,33 +108,33 @@ class _Moved:
         return path, start + self._longer * sum(s < start for s in self._starts.get(path, ()))
 
 
-class _After(SourceAccess):
-    """Reads files as they would be after the rename."""
+class _RenamedFiles(SourceAccess):
+    """Reads files as they will be after the rename."""
 
     def __init__(self, reading: SourceAccess, texts: dict[Path, str]) -> None:
         self._reading = reading
         self._texts = texts
 
-    def text(
+    def text_of(
         self, path: Path, shown: str, diagnostics: Diagnostics, span: Span | None = None
     ) -> str | None:
-        """The new text of a file that would change."""
+        """The new text of a file if it changes, else its present text."""
         text = self._texts.get(path.resolve())
-        return text if text is not None else self._reading.text(path, shown, diagnostics, span)
+        return text if text is not None else self._reading.text_of(path, shown, diagnostics, span)
 
-    def parsed(self, shown: str, text: str, diagnostics: Diagnostics) -> tuple[Source, tree.File]:
-        """The parsed text, kept from an earlier reading where it is unchanged."""
-        return self._reading.parsed(shown, text, diagnostics)
+    def parse(self, shown: str, text: str, diagnostics: Diagnostics) -> tuple[Source, tree.File]:
+        """The syntax tree of a text; unchanged texts are not parsed again."""
+        return self._reading.parse(shown, text, diagnostics)
 
-    def data(self, path: Path, t: Type, tell: Callable[[str], None]) -> tuple[Value, bytes]:
-        """Data does not change with names."""
-        return self._reading.data(path, t, tell)
+    def data_value(self, path: Path, t: Type, tell: Callable[[str], None]) -> tuple[Value, bytes]:
+        """The value of a data file, which a rename does not change."""
+        return self._reading.data_value(path, t, tell)
 
 
 def _require_same_meaning(
-    before: _Program, after: _Program, moved: _Moved, definition: Definition, name: str
+    before: _Program, after: _Program, moved: _PlaceAfterRename, definition: Definition, name: str
 ) -> None:
-    """Raises RefusedError unless both programs mean the same, apart from the name."""
+    """Raises RefusedError unless both programs mean the same except for the name."""
     was, messages = before
     is_, says = after
     meant = {

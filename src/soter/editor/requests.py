@@ -48,7 +48,7 @@ ASKED = "did you mean "
 def code_actions(
     document: Document, documents: Documents, wanted: lsp.Range
 ) -> Iterator[lsp.CodeAction]:
-    """Yields the fixes of problems that touch a range of a checked document."""
+    """Yields the fixes for problems that touch the range `wanted` of a checked document."""
     checked = document.checked
     if checked is None or checked.loaded is None:
         return
@@ -84,7 +84,7 @@ def _fix_title(help_: str) -> str:
 
 
 def workspace_edit(edits: Iterable[tuple[Span, str]], documents: Documents) -> lsp.WorkspaceEdit:
-    """The edit of the editor's that writes texts at places in any files."""
+    """The edit, in the protocol's form, that writes texts at spans in any files."""
     changes: dict[str, list[lsp.TextEdit]] = {}
     for span, text in edits:
         uri = documents.uri(path_of_span(span))
@@ -101,7 +101,7 @@ SHOWN = {"proved": "proved", "refuted": "REFUTED", "undecided": "undecided", "as
 def code_lenses(
     file: LoadedFile, lines: Lines, checked: CheckResult | None, verdicts: Verdicts
 ) -> Iterator[lsp.CodeLens]:
-    """Yields the lenses of a file; `checked` is the check of its present text, if there is one."""
+    """Yields the lenses of a file; `checked`: the check of its present text, or None."""
     path = file.path
     modules = [d for d in file.file.declarations if isinstance(d, tree.RtaDecl)]
     records = list(verdicts(path)) if modules else []
@@ -128,7 +128,7 @@ def _code_lens(where: lsp.Range, title: str, command: list[str], path: Path) -> 
 
 
 def _verdict_texts(name: str, records: list[dict[str, Any]], sha256: str) -> Iterator[str]:
-    """Yields the verdict of the last proof in a line for each view of the module."""
+    """Yields the last proof's verdict on a module, one line for each view."""
     mine = [
         (r["program_sha256"] == sha256, full, fields)
         for r in records
@@ -165,7 +165,7 @@ SYMBOLS_MAX = 200
 
 
 class _CursorPosition:
-    """A position of an open document: its program, its names, the offset."""
+    """A position in an open document, with its program, its names and its offset."""
 
     def __init__(self, documents: Documents, document: Document, position: lsp.Position) -> None:
         self.documents = documents
@@ -176,11 +176,11 @@ class _CursorPosition:
         self.offset = self.lines.offset(position)
 
     def use(self) -> Use | None:
-        """The name at the position, with its definition; or None."""
+        """The use of a name at the position; or None."""
         return self.index.use_at(self.main.source, self.offset)
 
-    def word(self) -> tuple[int, int]:
-        """Start and end of the word at the position."""
+    def word_range(self) -> tuple[int, int]:
+        """Start and end offset of the word at the position."""
         text = self.main.source.text
         start = end = self.offset
         while start and (text[start - 1].isalnum() or text[start - 1] == "_"):
@@ -191,7 +191,7 @@ class _CursorPosition:
 
 
 def register_requests(server: LanguageServer, documents: Documents, verdicts: Verdicts) -> None:
-    """Registers every request that the server answers."""
+    """Registers the handlers of all requests that the server answers."""
     _answer_about_names(server, documents)
     _answer_about_renaming(server, documents)
     _answer_about_text(server, documents)
@@ -200,7 +200,7 @@ def register_requests(server: LanguageServer, documents: Documents, verdicts: Ve
 
 
 class _PositionRequest(Protocol):
-    """A question about a position of a document."""
+    """The parameters of a request about a position in a document."""
 
     text_document: lsp.TextDocumentIdentifier
     position: lsp.Position
@@ -214,7 +214,7 @@ def _cursor_position(documents: Documents, params: _PositionRequest) -> _CursorP
 def _name_at(
     documents: Documents, params: _PositionRequest
 ) -> tuple[_CursorPosition, Use] | tuple[None, None]:
-    """The name at a position, with what it means; None for neither."""
+    """The position, and the use of a name there; two None if there is no name."""
     at = _cursor_position(documents, params)
     use = None if at is None else at.use()
     return (None, None) if at is None or use is None else (at, use)
@@ -292,7 +292,7 @@ def _hover_at(at: _CursorPosition) -> lsp.Hover | None:
         text = hover_text(use.definition, at.document.good)
         where = at.lines.range(use.span.start, use.span.end)
     else:
-        start, end = at.word()
+        start, end = at.word_range()
         text_of_word = word_meaning(at.main.source.text[start:end])
         if text_of_word is None or (start not in lex(at.main.source).starts):
             return None
@@ -301,7 +301,7 @@ def _hover_at(at: _CursorPosition) -> lsp.Hover | None:
 
 
 def _programs_naming(at: _CursorPosition, definition: Definition) -> list[tuple[Path, NameIndex]]:
-    """The programs in which a definition can be named: for a local only its own."""
+    """The programs that may name a definition; for a local only its own program."""
     if definition.kind in LOCAL:
         return [(at.document.path, at.index)]
     return at.documents.programs_naming(definition.name, at.document)
@@ -366,7 +366,7 @@ def _answer_about_the_workspace(server: LanguageServer, documents: Documents) ->
         if document is None:
             return None
         main = documents.parsed_program(document).main
-        return symbols.outline(main, documents.lines(main.source))
+        return symbols.document_symbols(main, documents.lines(main.source))
 
     @server.feature(lsp.WORKSPACE_SYMBOL)
     def workspace_symbol(params: lsp.WorkspaceSymbolParams) -> list[lsp.WorkspaceSymbol]:

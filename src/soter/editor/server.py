@@ -46,12 +46,12 @@ class Server(LanguageServer):
         self._apologised = False
 
     def report_server_error(self, error: Exception, source: ServerErrors) -> None:
-        """Tells the editor of an error, except of one in sending, which would repeat itself."""
+        """Reports an error to the editor, unless sending failed: that would recur."""
         if source is not JsonRpcInternalError:
             super().report_server_error(error, source)
 
     def check_soon(self) -> None:
-        """Checks waiting documents once no more messages come."""
+        """Checks waiting documents as soon as no more messages arrive."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
@@ -59,7 +59,7 @@ class Server(LanguageServer):
             self._timer = asyncio.get_running_loop().call_later(SETTLE_S, self._check_one)
 
     def _check_one(self) -> None:
-        """Checks one document; requests that came meanwhile are answered before the next."""
+        """Checks one document; requests that arrived are answered before the next."""
         self._timer = None
         try:
             self.documents.check_next()
@@ -80,7 +80,7 @@ class Server(LanguageServer):
 
 
 def make_server(verdicts: Verdicts) -> Server:
-    """Makes a server with all requests; `verdicts` finds what was proved of a program."""
+    """A server for all requests; `verdicts` finds the last proofs of a program."""
     server = Server()
     _follow_documents(server)
     register_requests(server, server.documents, verdicts)
@@ -129,8 +129,8 @@ def _follow_documents(server: Server) -> None:
         server.check_soon()
 
 
-class _Refusals(logging.Filter):
-    """Keeps requests that are refused with a reason, which are no defects, out of the log."""
+class _RefusalFilter(logging.Filter):
+    """Keeps requests that were refused with a reason, not by a defect, out of the log."""
 
     def filter(self, record: logging.LogRecord) -> bool:
         """Whether to log the record."""
@@ -139,12 +139,12 @@ class _Refusals(logging.Filter):
 
 
 def serve(verdicts: Verdicts, tcp: tuple[str, int] | None = None) -> None:
-    """Serves one client over standard input and output, or over `tcp` (host, port), to its end.
+    """Serves one client over standard input and output, or over `tcp` (host, port), until it ends.
 
     `SoterError` D005 if standard input does not follow the protocol.
     """
     server = make_server(verdicts)
-    logging.getLogger("pygls.protocol.json_rpc").addFilter(_Refusals())
+    logging.getLogger("pygls.protocol.json_rpc").addFilter(_RefusalFilter())
     if tcp is not None:
         server.start_tcp(*tcp)
         return
@@ -152,31 +152,31 @@ def serve(verdicts: Verdicts, tcp: tuple[str, int] | None = None) -> None:
     out = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     with redirect_stdout(sys.stderr):
         try:
-            server.start_io(_Stream(sys.stdin.buffer), out)  # type: ignore[arg-type]
+            server.start_io(_EditorMessages(sys.stdin.buffer), out)  # type: ignore[arg-type]
         except (OverflowError, ValueError, MemoryError) as error:
             text = f"standard input is no stream of the language server protocol: {error}"
             raise SoterError((Diagnostic("D005", text),)) from error
 
 
-class _Stream:
-    """The editor's messages; ValueError if one, or a line of its head, is too long."""
+class _EditorMessages:
+    """Reads the editor's messages; ValueError if one, or a line of its head, is too long."""
 
     def __init__(self, raw: BinaryIO) -> None:
         self._raw = raw
 
     def readline(self) -> bytes:
-        """A line of the head."""
+        """A line from the head of a message."""
         line = self._raw.readline(HEAD_MAX + 1)
         if len(line) > HEAD_MAX:
             raise ValueError(f"a line of its head is longer than {HEAD_MAX} bytes")
         return line
 
     def read(self, count: int) -> bytes:
-        """The body of a message."""
+        """The body of a message, of `count` bytes."""
         if count > MESSAGE_MAX:
             raise ValueError(f"a message of more than {MESSAGE_MAX >> 20} MiB")
         return self._raw.read(count)
 
     def close(self) -> None:
-        """Stop reading messages."""
+        """Stops reading messages."""
         self._raw.close()

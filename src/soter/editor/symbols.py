@@ -1,7 +1,7 @@
 """Lists the declarations of files, as symbols of the protocol.
 
-Purpose: `outline` gives document symbols as a tree, `matching_declarations` workspace symbols by
-name.
+Purpose: `document_symbols` gives the declarations of a file as a tree; `matching_declarations`
+gives those of all files whose names match a query.
 Non-goals: which files there are (`server.py` asks `documents.py`); places of a name
 (`renaming.py`).
 """
@@ -38,8 +38,8 @@ ICONS = {
 }
 
 
-def outline(file: LoadedFile, lines: Lines) -> list[lsp.DocumentSymbol]:
-    """The declarations of a file, each with what is declared inside."""
+def document_symbols(file: LoadedFile, lines: Lines) -> list[lsp.DocumentSymbol]:
+    """The declarations of a file as a tree, each with the declarations inside it."""
     imports = [
         _document_symbol(i.name, i.span, KIND.Module, i.path, lines, ()) for i in file.file.imports
     ]
@@ -69,7 +69,7 @@ def _document_symbol(
 
 
 def _declared_members(decl: tree.Decl) -> Iterator[tuple[tree.Name, Span, lsp.SymbolKind, str]]:
-    """Name, place, kind and detail of each name that is declared inside a declaration."""
+    """Yields name, place, kind and detail of each name declared inside a declaration."""
     if isinstance(decl, tree.TypeDecl):
         yield from _type_members(decl.type)
     elif isinstance(decl, tree.NodeDecl):
@@ -90,7 +90,7 @@ def _declared_members(decl: tree.Decl) -> Iterator[tuple[tree.Name, Span, lsp.Sy
 
 
 def _type_members(of: tree.TypeExpr) -> Iterator[tuple[tree.Name, Span, lsp.SymbolKind, str]]:
-    """The fields of a record, the members of an enum."""
+    """Yields the fields of a record or the members of an enum."""
     if isinstance(of, tree.RecordTypeExpr):
         for name, type_ in of.fields:
             yield name, name.span.to(type_.span), KIND.Field, _one_line(type_.span)
@@ -116,7 +116,7 @@ def _one_line(span: Span) -> str:
 def matching_declarations(
     files: list[LoadedFile], query: str
 ) -> Iterator[tuple[tree.Decl, lsp.SymbolKind, LoadedFile]]:
-    """The declarations whose names have all letters of the query in order, in any case."""
+    """Yields declarations whose names have the query's letters in order, in any case."""
     for file in files:
         for decl in file.file.declarations:
             if _is_subsequence(query.casefold(), decl.name.text.casefold()):

@@ -17,7 +17,7 @@ from soter.explore.search_options import LEAVES_MAX
 from soter.explore.trace_view import value_text
 from soter.explore.vacuous_tests import symbol_at_path
 from soter.language.check.declarations import scalar_text
-from soter.language.check.dots_and_brackets import listed
+from soter.language.check.dots_and_brackets import quoted
 from soter.language.elaborate.derived_systems import OUTSIDE
 from soter.language.model import typed
 from soter.language.model.typed import Literal
@@ -83,7 +83,7 @@ def _stand_in_notes(system: System, instance: str, group: list[StandIn]) -> Iter
     tested = _contract_test_note(system, instance)
     yield f"{instance} is replaced by its contract ({clauses}{more}): {tested}"
     tests = [name for name, how in _tests_with_instance(system, instance) if not how]
-    others_note = f"that it publishes no other is asked by {listed(tests)}" if tests else NO_HARM
+    others_note = f"that it publishes no other is asked by {quoted(tests)}" if tests else NO_HARM
     for text in dict.fromkeys(t for s in group for t in s.tried):
         yield f"what stands for {instance} was tried with {text} alone: {others_note}"
 
@@ -98,11 +98,11 @@ def _contract_test_note(system: System, instance: str) -> str:
         tests_by_condition.setdefault(how, []).append(name)
     if "" in tests_by_condition:
         return (
-            f"whether it keeps it is asked by {listed(tests_by_condition[''])}, "
+            f"whether it keeps it is asked by {quoted(tests_by_condition[''])}, "
             "where it runs as it is, as far "
             "as horizon, inputs, skew, faults, order and replacements there go"
         )
-    differing = ", ".join(f"{listed(names)} {how}" for how, names in tests_by_condition.items())
+    differing = ", ".join(f"{quoted(names)} {how}" for how, names in tests_by_condition.items())
     differing = f" ({differing})" if differing else ""
     return f"no test of this program runs it as it is{differing}: that it keeps it is assumed"
 
@@ -121,15 +121,15 @@ def _tests_with_instance(system: System, instance: str) -> Iterator[tuple[str, s
     tests = system.program.tests
     here = tests.get(test_plan(system).name)
     for name, test in tests.items():
-        how = None if here is None else _difference_from_own_run(test, here, instance)
+        how = None if here is None else _difference_in_words(test, here, instance)
         if how is not None:
             yield name, how
 
 
-def _difference_from_own_run(
+def _difference_in_words(
     test: typed.TestSymbol, here: typed.TestSymbol, instance: str
 ) -> str | None:
-    """How `test` differs from `here` with `instance` running itself, in words; "": it does not.
+    """How a test that runs `instance` itself differs from the test `here`; "" if in nothing else.
 
     None if `test` does not have the instance, or replaces it as well.
     """
@@ -155,8 +155,8 @@ def _parameter_settings(test: typed.TestSymbol) -> set[tuple[str, typed.ParamSym
 def _replaced_paths(
     test: typed.TestSymbol, replaced: typed.ModuleSymbol | typed.NodeSymbol, instance: str
 ) -> set[str]:
-    """The paths that a test replaces in a module or node; `instance` stands for the whole of it."""
-    inside = replaced.own if isinstance(replaced, typed.ModuleSymbol) else ()
+    """The paths that a test replaces in a module or node; the path `instance` means all of it."""
+    inside = replaced.controllers if isinstance(replaced, typed.ModuleSymbol) else ()
     paths: set[str] = set()
     for path, _, _ in test.replaces:
         if path in {instance, replaced.name} or instance.startswith(f"{path}."):
@@ -168,8 +168,8 @@ def _replaced_paths(
     return paths
 
 
-NAMED = 12
-"""The most parameters with declared values that are named; those that were set are always named."""
+NAMED_MAX = 12
+"""The most parameters with declared values that are named; those that were set are all named."""
 
 
 def setting_notes(system: System) -> Iterator[str]:
@@ -201,7 +201,7 @@ def partly_driven_inputs(system: System) -> list[str]:
 def covers_whole_set(topic: Topic, drive: InputDrive) -> bool:
     """Whether an input takes every value of its topic's set."""
     counts = [
-        _count_values(t, b) for (_, t), b in zip(leaves(topic.type), topic.bounds, strict=True)
+        _value_count(t, b) for (_, t), b in zip(leaves(topic.type), topic.bounds, strict=True)
     ]
     if any("[]" in path for path, _ in leaves(topic.type)):
         return False
@@ -219,8 +219,8 @@ def topic_set_text(topic: Topic) -> str:
     return f"[{low:,}, {high:,}]" if isinstance(low, int) else f"[{low:g}, {high:g}]"
 
 
-def _count_values(t: Type, bound: Bound | None) -> float:
-    """How many values a leaf can have; infinity for a float whose interval is no single point."""
+def _value_count(t: Type, bound: Bound | None) -> float:
+    """The number of values of a leaf; infinity for a float whose interval is no single point."""
     if isinstance(t, BoolType):
         return 2
     if isinstance(t, EnumType):
@@ -246,12 +246,13 @@ def _parameter_note(system: System) -> Iterator[str]:
         else:
             changed.append(f"{text} (by itself {scalar_text(declared, param.type)})")
     if changed or values:
-        left_out = f" and {len(values) - NAMED} more" if len(values) > NAMED else ""
-        yield f"said of these values of parameters: {', '.join(changed + values[:NAMED])}{left_out}"
+        left_out = f" and {len(values) - NAMED_MAX} more" if len(values) > NAMED_MAX else ""
+        named = ", ".join(changed + values[:NAMED_MAX])
+        yield f"said of these values of parameters: {named}{left_out}"
 
 
 FINGERPRINT_BITS = 64
-PLACES = 3
+PLACES_MAX = 3
 """The most places of the program that are named."""
 
 
@@ -272,9 +273,9 @@ def test_assumptions(
     replaced: Sequence[tuple[str, str]],
     times: TimeChoices | None,
 ) -> Iterator[str]:
-    """Yields every assumption of a test; `replaced`: components, and what replaces them.
+    """Yields every assumption of a test; `replaced`: pairs of a component and what replaces it.
 
-    `times`: the grid on which steps chose their times; None: no step could choose.
+    `times`: the grid on which steps chose their times; None if no step could choose.
     """
     plan = test_plan(system)
     yield _horizon_note(show_ns(plan.horizon_ns), search_result)
@@ -316,7 +317,7 @@ def _horizon_note(horizon: str, search_result: Found) -> str:
 
 
 def _fault_words(fault: TimingFault) -> str:
-    """Says what a timing fault does to the steps of its component."""
+    """What a timing fault does to the steps of its component, in words."""
     if fault.kind == "skip":
         return f"loses at most {fault.at_most} release{_plural_ending(fault.at_most)} in a row"
     if fault.least_ns:
@@ -357,9 +358,9 @@ def _time_grid_notes(times: TimeChoices | None) -> Iterator[str]:
     ):
         places = list(dict.fromkeys(f"{s.source.name.rsplit('/', 1)[-1]}:{s.line}" for s in spans))
         if places:
-            more = f" and {len(places) - PLACES} more places" if len(places) > PLACES else ""
+            more = f" and {len(places) - PLACES_MAX} more places" if places[PLACES_MAX:] else ""
             yield (
-                f"{reason} in {', '.join(places[:PLACES])}{more}: times between "
+                f"{reason} in {', '.join(places[:PLACES_MAX])}{more}: times between "
                 "those of the grid may do otherwise (`quantum ...;` takes a grid for granted)"
             )
 

@@ -83,7 +83,7 @@ def vacuous_parts_of_search(
     search_result: Found,
     replaced: Sequence[tuple[str, str]],
 ) -> tuple[VacuousPart, ...]:
-    """The parts of a test that say nothing; only a search that ended shows what is never met."""
+    """The parts of a test that say nothing; some of them only a search that ended shows."""
     ended = search_result.status == "exhausted" and search.options.strategy not in SAMPLING
     never = coverage.modes.unreached
     return vacuous_tests.find_vacuous_parts(
@@ -92,7 +92,7 @@ def vacuous_parts_of_search(
 
 
 def coverage_bound(system: System, search: Search, coverage: Coverage) -> str | None:
-    """The bound that keeps an exhausted search from covering all executions; None: nothing."""
+    """The bound that keeps an exhausted search from covering all executions; None if none does."""
     if not coverage.properties.reached:
         return UNJUDGED
     if assumptions.undriven_inputs(system):
@@ -109,7 +109,7 @@ def coverage_bound(system: System, search: Search, coverage: Coverage) -> str | 
 def search_verdict(
     search_result: Found, options: SearchOptions, short_of: str | None
 ) -> tuple[str, str | None]:
-    """The verdict, and the bound that was reached; `short_of`: the bound of an exhausted search."""
+    """The verdict, and the bound reached or None; `short_of`: the bound of an exhausted search."""
     if search_result.status == "violated":
         return VIOLATED, None
     if search_result.status == "exhausted":
@@ -127,12 +127,12 @@ def covered_before_ns(search_result: Found, system: System, options: SearchOptio
 
 
 FOLDER, ENDING = Path(".soter"), ".trace.json"
-LONG = 500
-"""Up to this many steps are replayed even after an interruption."""
+INTERRUPTED_STEPS_MAX = 500
+"""A trace of up to this many steps is replayed even after an interruption."""
 
 
 class Interruptions(Protocol):
-    """Receives signals; `wanted`: the search should end; while `running` none raises."""
+    """Receives signals; `wanted`: the search should end; `running`: while set, no signal raises."""
 
     wanted: bool
     running: bool
@@ -155,7 +155,7 @@ class UnreproducedError(RuntimeError):
 
 @dataclass(frozen=True)
 class TraceHeader:
-    """What a trace says of the program beside its steps; `params` as JSON."""
+    """The facts on the program that a trace holds beside its steps; `params` are JSON values."""
 
     program: str
     params: Mapping[str, object]
@@ -185,7 +185,7 @@ def explore_test(
             result = _judge_search(system, search, search_result, header.replaced)
         if result.verdict == VIOLATED:
             try:
-                _enter_trace(result, search, search_result, header)
+                _add_replayed_trace(result, search, search_result, header)
                 shown = result.replayed is not None and not result.interrupted
                 if shown and options.all_properties:
                     _find_other_violations(result, search, search_result, header)
@@ -199,7 +199,7 @@ def _judge_search(
 ) -> TestResult:
     """The verdict and the coverage of a search, as a result that has no trace yet."""
     options, coverage = search.options, search.coverage()
-    says_nothing = vacuous_parts_of_search(system, search, coverage, search_result, replaced)
+    vacuous = vacuous_parts_of_search(system, search, coverage, search_result, replaced)
     short_of = coverage_bound(system, search, coverage)
     verdict, bound = search_verdict(search_result, options, short_of)
     return TestResult(
@@ -227,9 +227,9 @@ def _judge_search(
         why=_bound_reason(bound, search, search_result),
         quantum_ns=None if search.times is None else search.times.quantum_ns,
         coverage=coverage,
-        vacuous=says_nothing,
+        vacuous=vacuous,
         assumptions=(
-            *(v.text for v in says_nothing),
+            *(v.text for v in vacuous),
             *assumptions.test_assumptions(system, options, search_result, replaced, search.times),
         ),
     )
@@ -286,7 +286,7 @@ def _find_other_violations(
             depth=search_result.depth,
             replayed=None,
         )
-        _enter_trace(other, search, search_result, header)
+        _add_replayed_trace(other, search, search_result, header)
         others.append(other)
         if other.interrupted or other.replayed is None:
             result.others_bound = other.unshown or other.least_bound
@@ -296,7 +296,7 @@ def _find_other_violations(
 
 
 def _bound_reason(bound: str | None, search: Search, search_result: Found) -> str:
-    """Says in words why the search stopped at its bound; "" without a bound."""
+    """Why the search stopped at its bound, in words; "" without a bound."""
     if bound is None:
         return ""
     if search_result.status == "no_memory" and search_result.needed_bytes:
@@ -304,17 +304,17 @@ def _bound_reason(bound: str | None, search: Search, search_result: Found) -> st
     return bound_text(bound, search.options, search.chooser_text(search_result), search.words)
 
 
-def _enter_trace(
+def _add_replayed_trace(
     result: TestResult, search: Search, search_result: Found, header: TraceHeader
 ) -> None:
-    """Shortens the violation's trace, replays it and enters it, or why there is none to show."""
+    """Shortens and replays a violation's trace; notes the replay in `result`, or why none is."""
     assert search_result.broken is not None
     kind, index = search_result.broken
     result.broken = find_violation_id(result.system, VIOLATION_KINDS[kind], index)
     assert result.broken is not None, search_result.broken
     steps = _minimised_steps(result, search, search_result)
     interrupted = INTERRUPTED in (search_result.stopped, result.least_bound)
-    if not steps or (interrupted and len(steps) > LONG):
+    if not steps or (interrupted and len(steps) > INTERRUPTED_STEPS_MAX):
         result.unshown = _why_unshown(search_result, interrupted=interrupted)
         return
     trace = make_trace(result, header, steps)
@@ -336,10 +336,10 @@ def _why_unshown(search_result: Found, *, interrupted: bool) -> str:
 
 
 def _minimised_steps(result: TestResult, search: Search, search_result: Found) -> tuple[Step, ...]:
-    """The shortest trace that was found; the result notes whether no shorter one exists.
+    """The steps of the shortest trace found; notes in `result` whether no shorter one exists.
 
-    A sampled trace is long: it is shrunk first. Any other is searched for the least one first, and
-    shrunk if that search does not end. Each has half of the time, and what the other leaves over.
+    A sampled trace is long, so it is shrunk before the shortest trace is searched. Any other trace
+    is shrunk only if that search does not end. Each has half of the time, and what is left over.
     """
     if search_result.stopped == INTERRUPTED:
         result.least_bound = INTERRUPTED
@@ -350,25 +350,25 @@ def _minimised_steps(result: TestResult, search: Search, search_result: Found) -
         result.least_bound = NOT_ASKED
         return search_result.steps
     smaller = search_result
-    first = result.options.strategy in SAMPLING
-    if first:
+    shrinks_first = result.options.strategy in SAMPLING
+    if shrinks_first:
         smaller = _shrink(result, search, search_result, half)
     if result.least_bound is None:
-        patience_s = until - time.perf_counter() if first else half
-        least = _find_least(result, search, search_result, patience_s)
+        patience_s = until - time.perf_counter() if shrinks_first else half
+        least = _find_shortest_trace(result, search, search_result, patience_s)
         if result.minimal:
             result.shrunk_from = 0
             return least
-    if not first and result.least_bound != INTERRUPTED:
+    if not shrinks_first and result.least_bound != INTERRUPTED:
         smaller = _shrink(result, search, search_result, until - time.perf_counter())
     return smaller.steps
 
 
-def _find_least(
+def _find_shortest_trace(
     result: TestResult, search: Search, search_result: Found, patience_s: float
 ) -> tuple[Step, ...]:
-    """The least trace to the violation; empty if it was not found, for a reason in the result."""
-    least = search.least(search_result, patience_s)
+    """The shortest trace to the violation; () if it was not found: `result` then says why."""
+    least = search.find_shortest_trace(search_result, patience_s)
     result.minimise_s += least.seconds
     result.minimal = least.status == "violated" and bool(least.steps)
     if not result.minimal:
@@ -447,7 +447,7 @@ MEMORY_BYTES = 2**29
 
 @dataclass(frozen=True)
 class ViolatingRun:
-    """A run: the kind of its violation (`property`, `fault`, ...), words for it, time, steps."""
+    """A run with a violation: its kind (`property`, `fault`, ...), text and time; a line a step."""
 
     what: str
     text: str

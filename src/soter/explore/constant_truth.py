@@ -39,7 +39,7 @@ PATIENCE_MS = 1_000
 
 
 @lru_cache(maxsize=1)
-def _solver() -> Any:  # noqa: ANN401 - z3 has no types
+def _z3_module() -> Any:  # noqa: ANN401 - z3 has no types
     """The module z3; None if it is not installed."""
     try:
         import z3  # noqa: PLC0415 - an extra
@@ -52,16 +52,16 @@ def solver_proves(
     condition: typed.TypedExpr,
     wanted: bool,
     scope: Scope,
-    asked: Mapping[ReadPlace, Range],
+    ranges: Mapping[ReadPlace, Range],
     period_ns: int,
 ) -> bool:
-    """Whether z3 proves that the condition is `wanted`, and faults for none of these values."""
-    z3 = _solver()
+    """Whether z3 proves that the condition is `wanted` and faults for no values in these ranges."""
+    z3 = _z3_module()
     if z3 is None:
         return False
     try:
-        terms = _Terms(z3, scope, asked, period_ns)
-        condition_term = terms.term(condition)
+        terms = _Terms(z3, scope, ranges, period_ns)
+        condition_term = terms.term_of(condition)
     except TooHardError:
         return False
     solver = z3.Solver()
@@ -72,18 +72,18 @@ def solver_proves(
 
 
 class _Terms:
-    """Translates expressions to z3 terms, and collects every fault that they may have."""
+    """Translates expressions to z3 terms; collects their faults, and the ranges of their reads."""
 
     def __init__(
         self,
         z3: Any,  # noqa: ANN401 - it has no types
         scope: Scope,
-        asked: Mapping[ReadPlace, Range],
+        range_by_place: Mapping[ReadPlace, Range],
         period_ns: int,
     ) -> None:
         self.z3 = z3
         self.scope = scope
-        self.asked = asked
+        self.range_by_place = range_by_place
         self.period_s = period_ns / 1e9
         self.sort = z3.Float64()
         self.round = z3.RNE()
@@ -91,8 +91,8 @@ class _Terms:
         self.faults: list[Any] = []
         self._known: dict[ReadPlace, Any] = {}
 
-    def term(self, e: typed.TypedExpr) -> Any:  # noqa: ANN401 - a term
-        """The z3 term of an expression; TooHardError if the solver is not asked about its kind."""
+    def term_of(self, e: typed.TypedExpr) -> Any:  # noqa: ANN401 - a term
+        """The z3 term of an expression; TooHardError for kinds that are not translated."""
         if isinstance(e, typed.Literal):
             return self._constant_term(e.type, e.value)
         if isinstance(e, typed.ParamRead):
@@ -107,13 +107,13 @@ class _Terms:
         if isinstance(e, typed.TypedBinary):
             return self._binary_term(e)
         if isinstance(e, typed.Conditional):
-            return self.z3.If(self.term(e.condition), self.term(e.then), self.term(e.otherwise))
+            return self.z3.If(*map(self.term_of, (e.condition, e.then, e.otherwise)))
         if isinstance(e, typed.Builtin) and e.name in {"min", "max", "abs"}:
             return self._builtin_term(e)
         if isinstance(e, typed.TypedCall):
             inner = returned(e)
             if inner is not None:
-                return self.term(inner)
+                return self.term_of(inner)
         raise TooHardError
 
     def _read_place(self, e: typed.TypedExpr) -> ReadPlace | None:
@@ -128,14 +128,14 @@ class _Terms:
         if isinstance(e, typed.AgeRead):
             return ReadPlace("age", self.scope.topics[e.topic], e.type)
         if isinstance(e, typed.TypedField):
-            whole = self._read_place(e.target)
-            if whole is not None:
-                return ReadPlace(whole.kind, whole.index, e.type, (*whole.path, e.index))
+            target = self._read_place(e.target)
+            if target is not None:
+                return ReadPlace(target.kind, target.index, e.type, (*target.path, e.index))
         return None
 
     def _read_term(self, place: ReadPlace) -> Any:  # noqa: ANN401 - a term
         if place not in self._known:
-            bounds = self.asked.get(place)
+            bounds = self.range_by_place.get(place)
             if bounds is None or bounds.low > bounds.high:
                 raise TooHardError
             z3, name = self.z3, f"{place.kind}{place.index}{place.path}"
@@ -156,22 +156,22 @@ class _Terms:
             self._known[place] = term
         return self._known[place]
 
-    def _constant_term(self, of: object, value: Any) -> Any:  # noqa: ANN401 - a term
+    def _constant_term(self, type_: object, value: Any) -> Any:  # noqa: ANN401 - a term
         if isinstance(value, bool):
             return self.z3.BoolVal(value)
-        if isinstance(of, FloatType):
+        if isinstance(type_, FloatType):
             return self.z3.FPVal(float(value), self.sort)
         if isinstance(value, int):
             return self.z3.IntVal(value)
         raise TooHardError
 
     def _note_overflow(self, term: Any) -> Any:  # noqa: ANN401 - a term
-        """Notes the fault if the int is out of range, and gives the term back."""
+        """Notes the fault of an int that is out of range, and gives the term back."""
         self.faults.append(self.z3.Or(term < INT_MIN, term > INT_MAX))
         return term
 
     def _unary_term(self, e: typed.TypedUnary) -> Any:  # noqa: ANN401 - a term
-        a = self.term(e.operand)
+        a = self.term_of(e.operand)
         if e.op == "!":
             return self.z3.Not(a)
         if isinstance(e.type, FloatType):
@@ -182,14 +182,14 @@ class _Terms:
 
     def _binary_term(self, e: typed.TypedBinary) -> Any:  # noqa: ANN401 - a term
         z3 = self.z3
-        a, b = self.term(e.left), self.term(e.right)
+        a, b = self.term_of(e.left), self.term_of(e.right)
         if e.op in {"&&", "||"}:
             return z3.And(a, b) if e.op == "&&" else z3.Or(a, b)
         if e.op in COMPARISONS:
             return self._comparison_term(e, a, b)
         if isinstance(e.type, FloatType) and e.op in {"+", "-", "*"}:
-            of = {"+": z3.fpAdd, "-": z3.fpSub, "*": z3.fpMul}[e.op]
-            return of(self.round, a, b)
+            operation = {"+": z3.fpAdd, "-": z3.fpSub, "*": z3.fpMul}[e.op]
+            return operation(self.round, a, b)
         if isinstance(e.type, IntType) and e.op in {"+", "-", "*"}:
             return self._note_overflow(a + b if e.op == "+" else a - b if e.op == "-" else a * b)
         raise TooHardError
@@ -197,7 +197,7 @@ class _Terms:
     def _comparison_term(self, e: typed.TypedBinary, a: Any, b: Any) -> Any:  # noqa: ANN401 - terms
         z3 = self.z3
         if isinstance(e.left.type, FloatType):
-            of = {
+            comparison = {
                 "<": z3.fpLT,
                 "<=": z3.fpLEQ,
                 ">": z3.fpGT,
@@ -205,7 +205,7 @@ class _Terms:
                 "==": z3.fpEQ,
                 "!=": z3.fpNEQ,
             }[e.op]
-            return of(a, b)
+            return comparison(a, b)
         if e.op == "==":
             return a == b
         if e.op == "!=":
@@ -215,10 +215,10 @@ class _Terms:
     def _builtin_term(self, e: typed.Builtin) -> Any:  # noqa: ANN401 - a term
         z3 = self.z3
         floats = isinstance(e.arguments[0].type, FloatType)
-        a = self.term(e.arguments[0])
+        a = self.term_of(e.arguments[0])
         if e.name == "abs":
             return z3.fpAbs(a) if floats else self._note_overflow(z3.If(a < 0, -a, a))
-        b = self.term(e.arguments[1])
+        b = self.term_of(e.arguments[1])
         if e.name == "min":
             return z3.If(z3.fpLT(b, a) if floats else b < a, b, a)
         return z3.If(z3.fpGT(b, a) if floats else b > a, b, a)
@@ -228,10 +228,10 @@ EACH_MAX = 64
 """A set of up to this many ints is tried value by value."""
 BOXES_MAX = 2_048
 POINTS_MAX = 512
-DRAWN = 64
+RANDOM_POINTS = 64
 """How many random points are tried first."""
-FEW = 3
-"""How many numbers of an open interval are tried as examples."""
+SAMPLES = 3
+"""How many values of a range are tried as examples: its ends and its middle."""
 
 
 def holds_always(
@@ -247,7 +247,7 @@ def holds_always(
     `values`: the locals that the condition reads, with the expressions of their values.
     """
     try:
-        return _Condition(condition, wanted, scope, read, period_ns, values or {}).holds()
+        return _Condition(condition, wanted, scope, read, period_ns, values or {}).holds_always()
     except TooHardError:
         return False
 
@@ -267,18 +267,18 @@ class _Condition:
         self.scope = scope
         self.read = read
         self.period_ns = period_ns
-        self.given = list(values.values())
+        self.local_values = list(values.values())
         self.locals = {v: ReadPlace("local", i, v.type) for i, v in enumerate(values)}
         self.asked: dict[ReadPlace, Range] = {}
 
-    def holds(self) -> bool:
-        """Whether it is `wanted` everywhere, by its ranges, box by box, or by the solver."""
+    def holds_always(self) -> bool:
+        """Whether the condition is `wanted` everywhere: over all ranges, by boxes, or by z3."""
         judgement = self._truth_in({})
         if judgement is not None:
             return judgement
-        cuts = [_cut_at_constants(span, self._cut_points()) for span in self.asked.values()]
+        cuts = [_parts_of_range(span, self._cut_points()) for span in self.asked.values()]
         places = list(self.asked)
-        if self._fails_at(places, _random_points(cuts)):
+        if self._fails_at_any(places, _random_points(cuts)):
             return False
         unknown: list[tuple[Range, ...]] = [tuple(self.asked.values())]
         if math.prod(map(len, cuts)) <= BOXES_MAX:
@@ -291,17 +291,17 @@ class _Condition:
                     unknown.append(box)
         if not unknown:
             return True
-        if self._fails_at(places, itertools.islice(_example_points(unknown), POINTS_MAX)):
+        if self._fails_at_any(places, itertools.islice(_example_points(unknown), POINTS_MAX)):
             return False
         return solver_proves(self.condition, self.wanted, self.scope, self.asked, self.period_ns)
 
-    def _fails_at(self, places: list[ReadPlace], points: Iterable[tuple[Range, ...]]) -> bool:
+    def _fails_at_any(self, places: list[ReadPlace], points: Iterable[tuple[Range, ...]]) -> bool:
         return any(
             self._truth_in(dict(zip(places, point, strict=True))) is False for point in points
         )
 
     def _truth_in(self, box: dict[ReadPlace, Range]) -> bool | None:
-        """Whether it is as wanted in all of the box; False also if it faults; None: unknown."""
+        """Whether the condition is `wanted` in all of a box; False if it faults; None: unknown."""
 
         def read(place: ReadPlace) -> Range:
             known = box.get(place)
@@ -311,12 +311,12 @@ class _Condition:
 
         evaluator = RangeEvaluator(self.scope, self.period_ns, read)
         evaluator.variables |= self.locals
-        truth = evaluator.number(self.condition)
+        truth = evaluator.bounds(self.condition)
         if evaluator.faults.possible and box and all(r.single for r in box.values()):
             return False
         if not truth.single:
             return None
-        if truth.has(self.wanted):
+        if truth.holds(self.wanted):
             return None if evaluator.faults.possible else True
         return False
 
@@ -326,7 +326,7 @@ class _Condition:
             return self.read(place)
         evaluator = RangeEvaluator(self.scope, self.period_ns, read)
         evaluator.variables |= self.locals
-        return evaluator.part(self.given[place.index], place)
+        return evaluator.bounds_of_part(self.local_values[place.index], place)
 
     def _cut_points(self) -> list[float]:
         """The constants of the condition and of functions that it calls, and their negatives."""
@@ -349,44 +349,44 @@ class _Condition:
         return sorted(constants)
 
 
-def _cut_at_constants(span: Range, constants: list[float]) -> list[Range]:
-    """Cuts a range at constants, which become parts of their own; so does NaN."""
+def _parts_of_range(span: Range, constants: list[float]) -> list[Range]:
+    """The parts of a range between constants; each constant, and NaN, is a part of its own."""
     parts: list[Range] = []
     if span.nan:
         parts.append(Range(math.inf, -math.inf, nan=True))
         span = Range(span.low, span.high)
-    whole = isinstance(span.low, int) and isinstance(span.high, int)
-    if whole and span.high - span.low < EACH_MAX:
+    of_ints = isinstance(span.low, int) and isinstance(span.high, int)
+    if of_ints and span.high - span.low < EACH_MAX:
         return parts + [Range(i, i) for i in range(int(span.low), int(span.high) + 1)]
     low = span.low
     for number in constants:
-        if whole and number != int(number):
+        if of_ints and number != int(number):
             continue
-        cut = int(number) if whole else float(number)
+        cut = int(number) if of_ints else float(number)
         if not low <= cut <= span.high:
             continue
-        below = cut - 1 if whole else math.nextafter(cut, -math.inf)
+        below = cut - 1 if of_ints else math.nextafter(cut, -math.inf)
         if low <= below:
             parts.append(Range(low, below))
         parts.append(Range(cut, cut))
         if cut == span.high:
             return parts
-        low = cut + 1 if whole else math.nextafter(cut, math.inf)
+        low = cut + 1 if of_ints else math.nextafter(cut, math.inf)
     return [*parts, Range(low, span.high)]
 
 
 def _example_points(boxes: list[tuple[Range, ...]]) -> Iterator[tuple[Range, ...]]:
-    """Yields some points of each box."""
+    """Yields a few points of each box, with the ends and middles of its ranges."""
     for box in boxes:
         yield from itertools.islice(
-            itertools.product(*map(_sample_values, box)), FEW ** len(box) * FEW
+            itertools.product(*map(_sample_values, box)), SAMPLES ** len(box) * SAMPLES
         )
 
 
 def _random_points(cuts: list[list[Range]]) -> Iterator[tuple[Range, ...]]:
     """Yields random points, the same ones every time; one of them decides most conditions."""
     dice = Random(0)  # noqa: S311 - no secret
-    for _ in range(DRAWN):
+    for _ in range(RANDOM_POINTS):
         yield tuple([dice.choice(_sample_values(dice.choice(parts))) for parts in cuts])
 
 
@@ -394,9 +394,9 @@ def _sample_values(span: Range) -> list[Range]:
     """The ends of a range and its middle, each as a range of one value."""
     if span.nan or span.low > span.high:
         return [span]
-    whole = isinstance(span.low, int) and isinstance(span.high, int)
+    of_ints = isinstance(span.low, int) and isinstance(span.high, int)
     low, high = max(span.low, -1e300), min(span.high, 1e300)
-    middle = (int(low) + int(high)) // 2 if whole else low / 2 + high / 2
+    middle = (int(low) + int(high)) // 2 if of_ints else low / 2 + high / 2
     values = dict.fromkeys(
         (span.low, span.high, middle if span.low <= middle <= span.high else span.low)
     )

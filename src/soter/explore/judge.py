@@ -1,11 +1,11 @@
-"""What docs/testing.md allows and forbids: which step may be next, and what is violated.
+"""Judges a replayed execution by docs/testing.md: which step may be next, and what is violated.
 
 Purpose: for `replay.py`. An `ExecutionCalendar` follows a replay step by step and checks releases,
 windows, times, lost releases and overruns. `TraceDraws` gives the reference interpreter the picks
 of a trace, one step at a time: each question of a step is answered from its own list, in order, and
 kept with its answer for people. A `Judge` follows properties, deadlines and invariants. This was
 written from that page alone, and shares nothing with the engine whose traces it judges.
-Non-goals: contracts and step faults, which the step itself tells (`replay.py`); what the
+Non-goals: contracts and step faults, which the step itself reports (`replay.py`); what the
 alternatives of a question are; enumerating executions.
 """
 
@@ -41,16 +41,16 @@ INPUT = "input."
 
 
 class NotAllowedError(Exception):
-    """A step, or a pick of one, that no execution has at this place; the message says why."""
+    """A step, or a choice in it, that no execution has at this place; the message says why."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ScheduledActor:
-    """A component, or an `input t every d;`: releases at phase + k * period up to the horizon.
+    """A component or an input of a test, released at phase + k * period up to the horizon.
 
-    A step happens in [r, r + window]; `skips` releases in a row may be lost (0: none);
-    publications may take effect from `least` (> 0: a step always lasts) up to `overrun` after the
-    start (0: at once). Times in ns.
+    A step happens in [r, r + window], where r is its release; `skips` releases in a row may be lost
+    (0: none). Publications take effect from `least` (> 0: every step lasts) up to `overrun` after
+    the step began (0: at once). Times in ns.
     """
 
     name: str
@@ -117,11 +117,11 @@ class ExecutionCalendar:
         self.quantum_ns = quantum_of(system)
         self.ordered = test_plan(system).ordered
         self.now = -1
-        self._born = False
+        self._started = False
         self.done = [0] * len(self.actors)
         self._lost = [0] * len(self.actors)
         self._running: dict[int, int] = {}
-        """The time at which each actor began that still overruns."""
+        """By actor, the time at which its step that still overruns began."""
 
     # ------------------------------------------------------------ what is to come
 
@@ -138,7 +138,7 @@ class ExecutionCalendar:
 
     @property
     def is_observable(self) -> bool:
-        """Whether time may pass here: no step is due that has not happened."""
+        """Whether time may pass here, as every step that is due has happened."""
         return all(hi > self.now for _, hi in self._open_windows())
 
     @property
@@ -158,9 +158,9 @@ class ExecutionCalendar:
         NotAllowedError if the schedule does not allow the step here.
         """
         if step.kind == START:
-            if self._born or self.now != -1 or any(self.done):
+            if self._started or self.now != -1 or any(self.done):
                 raise NotAllowedError("the start comes first, and once")
-            self._born = True
+            self._started = True
             return None
         index = self.number.get(step.actor)
         if index is None:
@@ -237,37 +237,37 @@ class ExecutionCalendar:
 
 
 class TraceDraws(AnsweredDraws):
-    """Draws that the steps of a trace answer; the first alternative where a step says nothing."""
+    """Draws that a trace answers with its choices; where it has none, the first alternative."""
 
     def __init__(self, system: System, seed: int) -> None:
         super().__init__(system, self._next_pick, seed)
-        self._given: dict[str, list[Choice]] = {}
+        self._choices_by_stream: dict[str, list[Choice]] = {}
         self._values: list[object] = []
-        """The values taken, as JSON, in the order of `questions`; None where a stream has none."""
+        """For each of `questions` the value taken, as JSON; None if the value is not known."""
 
-    def begin(self, choices: Iterable[Choice]) -> None:
+    def begin_step(self, choices: Iterable[Choice]) -> None:
         """Begins a step whose questions these choices answer."""
         self.questions.clear()
         self._values = []
-        self._given = {}
+        self._choices_by_stream = {}
         for choice in choices:
-            self._given.setdefault(choice.stream, []).append(choice)
+            self._choices_by_stream.setdefault(choice.stream, []).append(choice)
 
-    def end(self) -> tuple[Choice, ...]:
-        """Ends the step: every choice that it asked for. NotAllowedError for unused answers."""
-        for stream, left in self._given.items():
+    def end_step(self) -> tuple[Choice, ...]:
+        """Ends the step, and returns the choices it asked for; NotAllowedError if any is left."""
+        for stream, left in self._choices_by_stream.items():
             if left:
                 raise NotAllowedError(f"nothing asks for a choice from `{stream}`")
         pairs = zip(self.questions, self._values, strict=True)
         return tuple([Choice(a.stream, a.pick, a.count, value) for a, value in pairs])
 
-    def tell(self, value: object) -> None:
+    def note_value(self, value: object) -> None:
         """Notes the value, as JSON, that the last answer stood for."""
         if self._values:
             self._values[-1] = value
 
     def _next_pick(self, stream: str, count: int) -> int:
-        left = self._given.get(stream)
+        left = self._choices_by_stream.get(stream)
         if not left:
             return 0
         choice = left.pop(0)
@@ -290,9 +290,9 @@ class TraceDraws(AnsweredDraws):
         self._keep_value(value)
         return value
 
-    def leaf(self, t: Type, bound: Bound | None, stream: str, index: int) -> Value:
+    def leaf_value(self, t: Type, bound: Bound | None, stream: str, index: int) -> Value:
         """A value of a scalar type within its bound."""
-        value = super().leaf(t, bound, stream, index)
+        value = super().leaf_value(t, bound, stream, index)
         if not isinstance(t, FloatType):  # which `uniform` has kept
             self._keep_value(to_json(t, value))
         return value
@@ -305,12 +305,11 @@ class TraceDraws(AnsweredDraws):
 
 @dataclass
 class _ControlHistory:
-    """When a module's DM last said AC (0: the start), and whether SC has acted since."""
+    """When a module's DM last gave the verdict AC (0: the start), and whether SC acted since."""
 
-    verdict_ns: int = 0
-    acted: bool = False
-    said: bool = False
-    """Whether it has said AC at all."""
+    last_ac_ns: int = 0
+    sc_acted: bool = False
+    has_said_ac: bool = False
 
 
 class Judge:
@@ -329,29 +328,29 @@ class Judge:
             for p in plan.timed
             if p.module is not None
         }
-        self._clocks = [_ControlHistory() for _ in self._system.modules]
+        self._histories = [_ControlHistory() for _ in self._system.modules]
         self._due: dict[int, int] = {
             p.index: p.within_ns for p in plan.timed if p.kind == "eventually"
         }
         self._since: dict[int, int] = {}
-        """The time at which the premise of each open deadline held."""
+        """For each open deadline the time at which its premise held."""
         self._faulted: dict[int, str] = {}
-        """Words on the fault when the condition of a deadline was judged, by number."""
+        """For each open deadline the first fault in judging its condition, in words."""
         self._drop_beyond_horizon()
 
     def _compile(self, prop: TimedProperty, expr: TypedExpr | None) -> Compiled | None:
-        return None if expr is None else Evaluator.of(prop.scope, {}).expression(expr)
+        return None if expr is None else Evaluator.for_scope(prop.scope, {}).compiled(expr)
 
     def _compile_safe(self, module: Module) -> Compiled:
-        return Evaluator.of(module.scope, {}).expression(module.symbol.safe)
+        return Evaluator.for_scope(module.scope, {}).compiled(module.symbol.safe)
 
     # ------------------------------------------------------------ what happened
 
-    def note(self, event: DecisionVerdict | StepOutcome, c: Configuration) -> None:
+    def note_event(self, event: DecisionVerdict | StepOutcome, c: Configuration) -> None:
         """Notes the verdict of a DM, or the outcome of a step, that led to `c`."""
         if isinstance(event, DecisionVerdict):
             if event.after == AC:
-                self._clocks[event.module] = _ControlHistory(c.ct, said=True)
+                self._histories[event.module] = _ControlHistory(c.ct, has_said_ac=True)
         elif event.published:
             self.note_published(event.component, c)
 
@@ -361,7 +360,7 @@ class Judge:
         if publisher.role == "sc" and publisher.module is not None:
             module = self._system.modules[publisher.module]
             if c.L[module.dm] == SC:
-                self._clocks[publisher.module].acted = True
+                self._histories[publisher.module].sc_acted = True
 
     # ------------------------------------------------------------ what is violated
 
@@ -434,16 +433,16 @@ class Judge:
     def _invariant_holds(self, p: TimedProperty, c: Configuration) -> bool:
         """Whether `safe` holds, and the last AC verdict is recent or SC has taken control."""
         assert p.module is not None
-        module, clock = self._system.modules[p.module], self._clocks[p.module]
+        module, history = self._system.modules[p.module], self._histories[p.module]
         if not self._holds(self._safe[p.module], c):
             return False
-        acts = clock.acted and c.L[module.dm] == SC
-        return acts or c.ct <= clock.verdict_ns + 2 * module.period_ns
+        acts = history.sc_acted and c.L[module.dm] == SC
+        return acts or c.ct <= history.last_ac_ns + 2 * module.period_ns
 
     # ------------------------------------------------------------ why
 
-    def reason(self, broken: ViolationId, c: Configuration, before: Configuration) -> str:
-        """Says what failed in `c`; "" if the property says it itself.
+    def violation_reason(self, broken: ViolationId, c: Configuration, before: Configuration) -> str:
+        """Why a property is violated in `c`, in words; "" if the text of the property says it.
 
         `before`: the configuration from which the last step led to `c`.
         """
@@ -462,7 +461,7 @@ class Judge:
         return f"{held}, and {missed} from then on up to {_time_text(due_ns)}{faulted}"
 
     def _property_reason(self, index: int, c: Configuration, before: Configuration) -> str:
-        """Says that judging an `always` or `never` faults, or that an earlier step broke it."""
+        """Words on a fault in judging an `always` or `never`, or on an earlier violation of it."""
         fault = judging_fault(self._machine, c, index)
         clauses = [] if fault is None else [f"judging it faults ({fault_text(fault)})"]
         if violated_properties(self._machine, before)[index]:
@@ -474,15 +473,15 @@ class Judge:
 
     def _invariant_reason(self, prop: TimedProperty, c: Configuration) -> str:
         assert prop.module is not None
-        module, clock = self._system.modules[prop.module], self._clocks[prop.module]
+        module, history = self._system.modules[prop.module], self._histories[prop.module]
         fault = self._evaluation_fault(self._safe[prop.module], c)
         if fault is not None:
             return f"judging `safe` of `{module.name}` faults ({fault_text(fault)})"
         if not self._holds(self._safe[prop.module], c):
             text = " ".join(module.symbol.safe.span.text.split())
             return f"`{text}`, `safe` of `{module.name}`, fails"
-        verdict = f"the DM last said AC at {_time_text(clock.verdict_ns)}"
-        if not clock.said:
+        verdict = f"the DM last said AC at {_time_text(history.last_ac_ns)}"
+        if not history.has_said_ac:
             verdict = "the DM has not said AC since the start"
         period = _time_text(module.period_ns)
         acted = "and SC has not acted" if c.L[module.dm] == SC else "and has not handed over to SC"

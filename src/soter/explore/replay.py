@@ -55,7 +55,7 @@ MODES = ("SC", "AC")
 
 @dataclass(frozen=True)
 class DroppedMessage:
-    """A full queue lost a value: the oldest or the new one, as its policy says."""
+    """A value that a full queue lost: the oldest or the new one, as its policy says."""
 
     queue: str
     policy: str
@@ -65,10 +65,10 @@ class DroppedMessage:
 class ReplayedStep:
     """One step and the configuration that it led to. Values are JSON; times are ns.
 
-    `published`: what reached the topics, by name; where a step may publish several messages, the
-    list of them. `gated`: it computed values that its outputs were not enabled for. `decided`: what
-    a DM saw and said. `violated`: everything that is violated after it, the property of the trace
-    or others.
+    `published`: the values that reached topics, by the topic's name; where a step may publish
+    several messages, the list of them. `gated`: its outputs were not enabled, so that they reached
+    no topic. `decided`: the facts that a DM saw, and its mode. `violated`: all properties that are
+    violated after it, that of the trace and others.
     """
 
     number: int
@@ -90,27 +90,27 @@ class ReplayedStep:
     truth: Mapping[str, object]
     """The states of the plants, by full name."""
     reasons: tuple[str, ...] = ()
-    """For each of `violated` a clause on what failed; empty where it needs none."""
+    """For each of `violated` a clause on what failed; "" if its text says enough."""
     dropped: tuple[DroppedMessage, ...] = ()
     """The messages that full queues lost as this step published."""
 
 
 @dataclass(frozen=True)
 class Replayed:
-    """The replay of a trace; `problem`: why the trace is no execution, None if it is one."""
+    """The replay of a trace; `problem`: why the trace is no execution, or None if it is one."""
 
     trace: Trace
     system: System
     actors: tuple[ScheduledActor, ...]
     start: Mapping[str, object]
-    """Topics before the first step."""
+    """The values of the topics before the first step."""
     steps: tuple[ReplayedStep, ...]
     problem: str | None
 
     @property
     def violated_at(self) -> int | None:
         """The number of the first step that violates the trace's property; None: no step does."""
-        return next((s.number for s in self.steps if self.own_violation_among(s.violated)), None)
+        return next((s.number for s in self.steps if self.has_own_violation(s.violated)), None)
 
     @property
     def reproduced(self) -> bool:
@@ -118,10 +118,10 @@ class Replayed:
         return (
             self.problem is None
             and bool(self.steps)
-            and self.own_violation_among(self.steps[-1].violated)
+            and self.has_own_violation(self.steps[-1].violated)
         )
 
-    def own_violation_among(self, violations: Iterable[ViolationId]) -> bool:
+    def has_own_violation(self, violations: Iterable[ViolationId]) -> bool:
         """Whether the violation that the trace names is among these."""
         wanted = (self.trace.broken.what, self.trace.broken.index)
         return wanted in [(b.what, b.index) for b in violations]
@@ -169,7 +169,7 @@ def _follow_trace(run: _TraceRun, trace: Trace) -> tuple[tuple[ReplayedStep, ...
 
 @dataclass
 class _Event:
-    """What a step did, for its record."""
+    """The effects of a step, for its record."""
 
     published: dict[str, object] = field(default_factory=dict)
     gated: bool = False
@@ -196,7 +196,7 @@ class _TraceRun:
         born = first is not None and first.kind == START
         self.first_number = 0 if born else 1
         """The number of the trace's first step: the start is 0, whether the trace has it or not."""
-        self.draws.begin(first.choices if first is not None and born else ())
+        self.draws.begin_step(first.choices if first is not None and born else ())
         self.c: Configuration = self.interpreter.initial()
         self._before = self.c
         """The configuration in which the last step was made."""
@@ -211,24 +211,24 @@ class _TraceRun:
         """Makes one step; `NotAllowedError` if this execution cannot make it."""
         index = self.schedule.take_step(step)
         if index is None:
-            self._record_step(number, step, self.draws.end(), _Event())
+            self._record_step(number, step, self.draws.end_step(), _Event())
             return
         actor = self.schedule.actors[index]
         self._before = self.c
         self.c = replace(self.c, ct=step.time_ns)
-        self.draws.begin(step.choices)
-        event = self._perform(actor, step)
-        self._record_step(number, step, self.draws.end(), event)
+        self.draws.begin_step(step.choices)
+        event = self._perform_step(actor, step)
+        self._record_step(number, step, self.draws.end_step(), event)
 
     # ------------------------------------------------------------ what a step does
 
-    def _perform(self, actor: ScheduledActor, step: Step) -> _Event:
+    def _perform_step(self, actor: ScheduledActor, step: Step) -> _Event:
         if step.kind == LOST:
             return _Event()
         if actor.component is None:
             return self._publish_input(actor)
         if step.kind == EFFECT:
-            return self._publish_held_back(actor.component)
+            return self._publish_held_outputs(actor.component)
         return self._fire_component(actor.component, held_back=step.kind == BEGIN)
 
     def _publish_input(self, actor: ScheduledActor) -> _Event:
@@ -236,7 +236,7 @@ class _TraceRun:
         drive = self.system.inputs[actor.drive]
         value = self.interpreter.drawn_input(drive, self.c.ct)
         if drive.values:
-            self.draws.tell(to_json(self.system.topics[drive.topic].type, value))
+            self.draws.note_value(to_json(self.system.topics[drive.topic].type, value))
         dropped = self._dropped_messages(self.c, {drive.topic: value})
         self.c = environment_input(self.machine, self.c, drive.topic, value)
         return _Event(published=self._values_by_topic({drive.topic: value}), dropped=dropped)
@@ -246,7 +246,7 @@ class _TraceRun:
         after, event = self.interpreter.fire(replace(before, FN=(number,)), number)
         self.c = after
         if isinstance(event, DecisionVerdict):
-            self.judge.note(event, after)
+            self.judge.note_event(event, after)
             return self._decision_event(event)
         done = _Event(broken=self._step_violations(number, event))
         self.ended = bool(done.broken)
@@ -258,7 +258,7 @@ class _TraceRun:
         if held_back:
             self._hold_back_outputs(before, number, event)
         else:
-            self.judge.note(event, after)
+            self.judge.note_event(event, after)
             done.published = self._values_by_topic(event.published, event.bursts)
             done.dropped = self._dropped_messages(before, event.published, event.bursts)
         return done
@@ -315,7 +315,7 @@ class _TraceRun:
 
     def _step_violations(self, n: int, event: StepOutcome) -> list[ViolationId]:
         """The contracts that a step breaks, and the fault of a trusted component."""
-        named = [find_violation_id(self.system, CONTRACT, i) for i in event.broken]
+        named = [find_violation_id(self.system, CONTRACT, i) for i in event.violated]
         if event.latched:
             named.append(find_violation_id(self.system, FAULT, n))
         return [b for b in named if b is not None]
@@ -334,7 +334,7 @@ class _TraceRun:
         name = self.system.components[n].name
         return candidate.queue_of is not None and candidate.name.startswith(f"{name}.")
 
-    def _publish_held_back(self, n: int) -> _Event:
+    def _publish_held_outputs(self, n: int) -> _Event:
         waiting = self._waiting.pop(n)
         if not self.c.OE[n]:
             return _Event(gated=bool(waiting))
@@ -345,7 +345,7 @@ class _TraceRun:
             self.judge.note_published(n, self.c)
         return _Event(published=self._values_by_topic(waiting), dropped=dropped)
 
-    # ------------------------------------------------------------ telling
+    # ------------------------------------------------------------ records
 
     def _record_step(
         self, number: int, step: Step, choices: tuple[Choice, ...], event: _Event
@@ -355,7 +355,8 @@ class _TraceRun:
         if not self.ended and step.kind != START:
             over = self.schedule.is_over
             violations = self.judge.violations_at(self.c, observable=observable, over=over)
-            event.reasons |= {b: self.judge.reason(b, self.c, self._before) for b in violations}
+            why = self.judge.violation_reason
+            event.reasons |= {b: why(b, self.c, self._before) for b in violations}
             broken = [*broken, *violations]
             self.ended = bool(broken)
         self.steps.append(
@@ -426,7 +427,7 @@ def find_violation_id(system: System, kind: str, index: int) -> ViolationId | No
 
 
 def with_chosen_values(replay_result: Replayed) -> Replayed:
-    """The replay, whose trace then has the values that the interpreter chose."""
+    """A copy of the replay, with the values that the interpreter chose in its trace."""
     steps = tuple(
         replace(step, choices=done.choices)
         for step, done in zip(replay_result.trace.steps, replay_result.steps, strict=True)

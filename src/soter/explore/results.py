@@ -2,8 +2,8 @@
 
 Purpose: a `TestResult` has the verdict on a test, what was covered, which bound was reached, the
 trace of a violation, and the assumptions; an `ExploreReport` has one for each test of a program.
-`wholes`, last in the file, makes a `WholeByParts` of them by the theorem of docs/testing.md
-("Contracts"): tests of one system, each with some of it replaced, may together show something of
+`wholes_by_parts`, last in the file, makes a `WholeByParts` of them by a theorem (docs/testing.md,
+"Contracts"): tests of one system, each with some of it replaced, may together show something of
 the whole; if not, it says why. A contract is judged as its owner steps, so contracts may rely on
 each other in a circle.
 Non-goals: finding anything, printing; systems whose tests have no contract in place of anything.
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from soter.explore.engine.coverage import Coverage
 from soter.explore.judge import test_plan
 from soter.explore.search_options import CHOICES_MAX, STEPS_MAX, WORDS_MAX
-from soter.language.check.dots_and_brackets import listed
+from soter.language.check.dots_and_brackets import quoted
 from soter.language.model.types import show_ns
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 ENDS_ONLY = ("all", "instants", "groups")
 """Reductions that store only ends of instants, where that can be."""
 DEAR, DEAR_S = 64, 2.0
-"""From this many transitions a configuration, and seconds, on another reduction is suggested."""
+"""With so many transitions a configuration, and seconds, or more another reduction is suggested."""
 EXHAUSTED, VIOLATED, BOUND = "exhausted", "violated", "bound"
 
 UNJUDGED, UNDRIVEN, PICKED = "unjudged", "undriven", "picked"
@@ -68,7 +68,7 @@ BOUNDS = {
 }
 """Why a search that has no violation to show did not cover everything."""
 ENDED = frozenset({UNJUDGED, UNDRIVEN, PICKED, GRID, DRAWN, SAMPLED})
-"""Bounds of a search that came to its end."""
+"""The bounds of searches that came to their end."""
 NOT_SHORTEST = {
     PATIENCE: "the search for it took longer than its part of {minimise:g} s (--minimise)",
     NOT_ASKED: "it was not looked for (--minimise 0)",
@@ -127,15 +127,15 @@ class TestResult:
     total_bytes: int = 0
     """The bytes of tables, frontiers and remembered steps, which `SearchOptions.memory` bounds."""
     covered_ns: int | None = 0
-    """All that is observed before this time was judged, in all executions; None: sampling.
+    """Everything observable before this time was judged, in all executions; None: sampling.
 
     It is the horizon where the search came to its end.
     """
     closed_ns: int | None = None
-    """After this time only configurations come that were there before, so the verdict holds for
-    ever; None: that was not seen before the horizon."""
+    """After this time only configurations come that came before, so the verdict holds for ever;
+    None: the search did not see that before the horizon."""
     short_of: str | None = None
-    """What is left out besides, where the search did not end: one of ENDED."""
+    """Another bound, one of ENDED, that a search which did not end has as well; None: none."""
     threads: int = 1
     """How many threads searched."""
     why: str = ""
@@ -143,9 +143,9 @@ class TestResult:
     parts: int = 1
     """How many parts of the system, which share no data, were explored apart."""
     contracts: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    """For each instance that a contract replaces the tests in which it runs as it is."""
+    """For each instance that a contract replaces, the tests in which it runs itself."""
     stands_for: tuple[tuple[str, str], ...] = ()
-    """The instances replaced by a node or plant that somebody else reads, and by which."""
+    """Each instance with a replacement that somebody reads, and the node or plant in its place."""
     coverage: Coverage = field(default_factory=Coverage)
     vacuous: tuple[VacuousPart, ...] = ()
     """The parts of the test that say nothing; each is also a sentence of `assumptions`."""
@@ -168,7 +168,7 @@ class TestResult:
     @property
     def threads_fewer(self) -> str:
         """Why fewer threads searched than the user asked for; "" if as many did."""
-        return self.options.why_fewer(self.threads)
+        return self.options.why_fewer_threads(self.threads)
 
     @property
     def states_per_s(self) -> float:
@@ -207,7 +207,7 @@ class TestResult:
         )
 
     @property
-    def covered(self) -> str:
+    def covered_text(self) -> str:
         """A sentence on how far all executions were covered; "" if no bound was reached."""
         if self.bound is None or self.covered_ns is None:
             return ""
@@ -223,16 +223,16 @@ class TestResult:
         )
 
     @property
-    def divided(self) -> str:
+    def parts_clause(self) -> str:
         """A clause on the parts that were explored alone; "" if there was only one."""
         return f"; {self.parts} parts that share no data, explored apart" if self.parts > 1 else ""
 
     @property
-    def dear(self) -> str:
+    def slow_search_note(self) -> str:
         """A note that `--reduction ample` may be faster; "" if the search was not slow.
 
-        Between ends of instants a search starts anew from each one, so paths that meet in between
-        are followed many times.
+        A search that stores only the ends of instants follows paths many times that meet between
+        two ends.
         """
         ends_only = self.options.strategy == "bfs" and self.options.reduction in ENDS_ONLY
         each = self.transitions / max(self.states, 1)
@@ -244,7 +244,7 @@ class TestResult:
         )
 
     @property
-    def for_ever(self) -> str:
+    def for_ever_clause(self) -> str:
         """A clause that the verdict holds for ever; "" if the search did not show that."""
         if self.closed_ns is None:
             return ""
@@ -265,7 +265,7 @@ class TestResult:
 def bound_text(
     bound: str, options: SearchOptions, who: str = "a step", words: int = WORDS_MAX
 ) -> str:
-    """Says which bound was reached; `who` asks for too many choices; `words` are too many."""
+    """The bound reached, in words; `who`: the step with too many choices; `words`: how many."""
     return BOUNDS[bound].format(strategy=options.strategy, who=who, words=words)
 
 
@@ -307,8 +307,8 @@ class ExploreReport:
         heads = ("test", "verdict", "violated", "states")
         return notebook_table(f"{self.path}: {self.verdict}", heads, rows, self.not_started)
 
-    def unsettled(self, test: TestResult) -> str:
-        """Names the tests of contracts on which `test` relies that are not clean; "" if all are."""
+    def unclean_contracts_note(self, test: TestResult) -> str:
+        """A note on tests of contracts on which `test` relies that are not clean; "" if all are."""
         asked = {name for names in test.contracts.values() for name in names}
         unclean_tests = [t.name for t in self.tests if t.name in asked and t.verdict != EXHAUSTED]
         names = " and ".join(f"`{name}`" for name in unclean_tests)
@@ -330,11 +330,11 @@ class ExploreReport:
 
 @dataclass(frozen=True)
 class WholeByParts:
-    """What the tests of one system show of the whole, up to `horizon_ns`.
+    """The conclusion on a whole system, up to `horizon_ns`, from tests that replace parts of it.
 
-    `held`: what is replaced by its contract, and the tests in which it runs as it is. `assumed`:
-    (test, what, by whom) for other replacements that somebody reads. `missing`: why nothing is
-    shown of the whole; empty where it is.
+    `held`: each instance that its contract replaces, and the tests in which it runs itself.
+    `assumed`: (test, instance, its replacement) for other replacements that somebody reads.
+    `missing`: why nothing is shown of the whole; () if something is.
     """
 
     system: str
@@ -346,13 +346,13 @@ class WholeByParts:
 
     @property
     def text(self) -> str:
-        """The result in a sentence or two."""
+        """The conclusion in a sentence or two."""
         if self.missing:
             return f"{self.system} is not shown as a whole: {'; '.join(self.missing)}"
         until = show_ns(self.horizon_ns)
         verdict = (
             f"{self.system} holds as a whole, by parts, up to {until}: no execution of it breaks a "
-            f"contract or a property of {listed(self.tests)}, as whatever a contract stands for "
+            f"contract or a property of {quoted(self.tests)}, as whatever a contract stands for "
             "there runs as it is in another of them"
         )
         by_test: dict[tuple[str, str], list[str]] = {}
@@ -367,7 +367,7 @@ class WholeByParts:
         return f"{verdict}. Assumed: {'; '.join(means)}"
 
 
-def wholes(results: Iterable[TestResult]) -> tuple[WholeByParts, ...]:
+def wholes_by_parts(results: Iterable[TestResult]) -> tuple[WholeByParts, ...]:
     """A `WholeByParts` for each group of tests in which a contract replaces something."""
     alike: dict[Hashable, list[TestResult]] = {}
     for result in results:
@@ -380,7 +380,7 @@ def wholes(results: Iterable[TestResult]) -> tuple[WholeByParts, ...]:
 
 
 def _comparison_key(result: TestResult, symbol: TestSymbol) -> Hashable:
-    """What is equal in all tests of one group, as executions are compared by steps."""
+    """The settings that are equal in all tests of one group, so that their executions compare."""
     plan, system = test_plan(result.system), result.system
     names = [c.name for c in system.components]
     faults = {(names[f.component], f.kind, f.by_ns, f.at_most, f.least_ns) for f in plan.faults}

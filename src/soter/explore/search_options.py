@@ -67,7 +67,7 @@ def stores_only_ends(reduction: str) -> bool:
 
 
 def reduction_bits(reduction: str, *, between: bool) -> int:
-    """`soter_explore_options.reduce`; `between`: the search also stores what lies between ends."""
+    """`soter_explore_options.reduce`; `between`: configurations between ends are stored as well."""
     asked = REDUCTIONS[reduction]
     return asked & ~(SLEEP | GROUPS) if between else asked
 
@@ -79,11 +79,11 @@ def c_constant(name: str) -> str:
 
 @dataclass(frozen=True)
 class SearchProgress:
-    """How far a search is, for a line of progress.
+    """The progress of a search, for a line of output.
 
     After it found a violation: `tracing`, it looks for an execution that shows it; `minimising`,
-    for the shortest one. `bytes`: all that it keeps. `answers`: how many the one step has that is
-    tried, if very many.
+    for the shortest one. `bytes`: memory of all that it keeps. `answers`: those of the step that
+    it tries, if very many.
     """
 
     test: str
@@ -96,10 +96,10 @@ class SearchProgress:
     tracing: bool = False
     answers: int = 0
     covered_ns: int = 0
-    """All that is observed before this time was judged, in all executions (breadth first)."""
+    """Everything observable before this time was judged, in all executions (breadth first)."""
 
 
-def _names(names: Iterable[str], default: str, end: str) -> str:
+def _either(names: Iterable[str], default: str, end: str) -> str:
     shown = [f"{n} (the default)" if n == default else n for n in names]
     return f"{', '.join(shown[:-1])}{end}{shown[-1]}"
 
@@ -112,17 +112,17 @@ LENGTH = seconds("more than 0 and at most", 10**9, optional=True)
 
 @dataclass(frozen=True, kw_only=True)
 class SearchOptions:
-    """How to search. `seed` also draws the disturbances that are drawn once."""
+    """The options of a search; `seed` also draws the disturbances that are drawn once."""
 
     test: str | Sequence[str] | None = option(
         "--test T", None, "only this test, or these; by default all", SEVERAL
     )
     strategy: str = option("--strategy S", STRATEGIES[0], HOW, choice(*STRATEGIES), "strategy")
     storage: str = option(
-        "--storage S", "exact", _names(STORAGES, "exact", " or "), choice(*STORAGES), "storage"
+        "--storage S", "exact", _either(STORAGES, "exact", " or "), choice(*STORAGES), "storage"
     )
     reduction: str = option(
-        "--reduction R", "all", _names(REDUCTIONS, "all", " or "), choice(*REDUCTIONS), "reduction"
+        "--reduction R", "all", _either(REDUCTIONS, "all", " or "), choice(*REDUCTIONS), "reduction"
     )
     threads: int = option(
         "--threads N",
@@ -181,7 +181,7 @@ class SearchOptions:
         ("!output=None", "html"),
     )
 
-    def why_fewer(self, ran: int) -> str:
+    def why_fewer_threads(self, ran: int) -> str:
         """Why only `ran` threads searched; "" if as many did as were asked for."""
         few = "its first steps were all that it took, or the machine gave no more"
         return "" if ran == self.threads else few

@@ -25,8 +25,8 @@ from soter.language.model import typed
 from soter.language.model.tree_walk import nodes, plant_code
 from soter.language.model.types import BoolType
 from soter.language.model.values import to_json
-from soter.report.atomic_write import own_place
-from soter.version import other_format
+from soter.report.atomic_write import own_path
+from soter.version import why_format_is_unreadable
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -64,7 +64,7 @@ class Choice:
 
 @dataclass(frozen=True)
 class Step:
-    """One step: `actor` is a component's full name, `input.<topic>`, or "" for the start. ns."""
+    """One step; `actor`: a component's full name, `input.<topic>`, or "" for the start."""
 
     actor: str
     kind: str
@@ -75,7 +75,7 @@ class Step:
 
 @dataclass(frozen=True)
 class ViolationId:
-    """What is violated: `what` is one of VIOLATION_KINDS, `index` counts in the flat system."""
+    """A violated property or a fault: `what` of VIOLATION_KINDS, `index` in the flat system."""
 
     what: str
     index: int
@@ -86,8 +86,8 @@ class ViolationId:
 class Trace:
     """An execution that violates a property, and the test that it is an execution of.
 
-    `program`: path as given; in the file it is relative to the file. `params`: what was set from
-    outside, as JSON. `seed`: of what stays drawn by chance. Times in ns.
+    `program`: path as the user gave it; in the file it is relative to the file. `params`: the
+    parameters that the user set, as JSON. `seed`: of all that is drawn by chance. Times in ns.
     """
 
     program: str
@@ -106,7 +106,7 @@ class Trace:
     assumptions: tuple[str, ...] = ()
     """The assumptions of the verdict, in words."""
     shrunk_from: int = 0
-    """How many steps, with the start, the trace had that this one was shrunk from; 0: none."""
+    """How many steps, with the start, the trace had before it was shrunk; 0: it was not."""
     path: Path | None = field(default=None, compare=False)
     """The file that it was read from."""
 
@@ -176,7 +176,7 @@ def write_trace(trace: Trace, path: Path) -> Path:
     text = f'{head[:-2]},\n "steps": [\n  {lines}\n ]\n}}\n'
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        own_place(path.parent, path.name).write_text(text, encoding="utf-8")
+        own_path(path.parent, path.name).write_text(text, encoding="utf-8")
     except OSError as error:
         message = f"cannot write `{path}`: {reason(error)}"
         raise SoterError((Diagnostic("D006", message),)) from error
@@ -231,18 +231,18 @@ class _JsonFields:
     def __init__(self, data: object, where: str) -> None:
         if not isinstance(data, dict):
             raise DamagedTraceError(f"{where or 'the document'} is no object")
-        self._given = data
+        self._fields = data
         self._where = where
 
     def _field(self, name: str, wanted: type, noun: str) -> Any:  # noqa: ANN401 - any JSON
-        if name not in self._given:
-            raise DamagedTraceError(f"{self._name(name)} is missing")
-        value = self._given[name]
+        if name not in self._fields:
+            raise DamagedTraceError(f"{self._quoted_path(name)} is missing")
+        value = self._fields[name]
         if not isinstance(value, wanted) or (wanted is int and isinstance(value, bool)):
-            raise DamagedTraceError(f"{self._name(name)} is no {noun}")
+            raise DamagedTraceError(f"{self._quoted_path(name)} is no {noun}")
         return value
 
-    def _name(self, name: str) -> str:
+    def _quoted_path(self, name: str) -> str:
         return f"`{self._where}.{name}`" if self._where else f"`{name}`"
 
     def read_text(self, name: str) -> str:
@@ -251,30 +251,30 @@ class _JsonFields:
 
     def read_optional_text(self, name: str) -> str:
         """The text of a field; "" if the field is missing."""
-        return self.read_text(name) if name in self._given else ""
+        return self.read_text(name) if name in self._fields else ""
 
     def read_texts(self, name: str) -> tuple[str, ...]:
         """The texts in a list; () if the field is missing."""
-        values = self._field(name, list, "list") if name in self._given else []
+        values = self._field(name, list, "list") if name in self._fields else []
         if not all(isinstance(text, str) for text in values):
-            raise DamagedTraceError(f"{self._name(name)} is no list of texts")
+            raise DamagedTraceError(f"{self._quoted_path(name)} is no list of texts")
         return tuple(values)
 
     def read_one_of(self, name: str, allowed: Iterable[str]) -> str:
         value = self.read_text(name)
         if value not in allowed:
-            raise DamagedTraceError(f"{self._name(name)} is none of {', '.join(allowed)}")
+            raise DamagedTraceError(f"{self._quoted_path(name)} is none of {', '.join(allowed)}")
         return value
 
     def read_number(self, name: str, low: int, high: int) -> int:
         value: int = self._field(name, int, "whole number")
         if not low <= value <= high:
-            raise DamagedTraceError(f"{self._name(name)} is out of range")
+            raise DamagedTraceError(f"{self._quoted_path(name)} is out of range")
         return value
 
     def read_optional_number(self, name: str, low: int, high: int) -> int | None:
         """The number of a field; None if the field is missing."""
-        return self.read_number(name, low, high) if name in self._given else None
+        return self.read_number(name, low, high) if name in self._fields else None
 
     def read_bool(self, name: str) -> bool:
         value: bool = self._field(name, bool, "bool")
@@ -292,7 +292,7 @@ class _JsonFields:
         return [_JsonFields(item, f"{self._path(name)}[{i}]") for i, item in enumerate(items)]
 
     def raw_value(self, name: str) -> object:
-        return self._given.get(name)
+        return self._fields.get(name)
 
     def _path(self, name: str) -> str:
         return f"{self._where}.{name}" if self._where else name
@@ -301,7 +301,7 @@ class _JsonFields:
 def _read_trace(document: _JsonFields, path: Path) -> Trace:
     if document.raw_value("kind") != KIND:
         raise DamagedTraceError(f'`kind` is not "{KIND}"')
-    if other := other_format(document.raw_value("schema"), SCHEMA):
+    if other := why_format_is_unreadable(document.raw_value("schema"), SCHEMA):
         raise DamagedTraceError(other)
     broken = document.read_object("property")
     return Trace(
@@ -388,12 +388,12 @@ class _ChoiceSite:
         option = self.expr.options[pick]
         if not all(isinstance(part, _CLOSED) for part in nodes([option])):
             return None
-        constant = Evaluator.of(self.component.scope).expression(option)(Environment())
+        constant = Evaluator.for_scope(self.component.scope).compiled(option)(Environment())
         return to_json(option.type, constant)
 
 
 class ChoiceWords:
-    """Says what a choice of a system stands for (`with_value`), and who asked (`question_text`)."""
+    """Gives the choices of a trace their values (`with_value`) and their `question_text`."""
 
     def __init__(self, system: System) -> None:
         self._sites = {
@@ -404,7 +404,7 @@ class ChoiceWords:
         }
 
     def with_value(self, choice: Choice) -> Choice:
-        """The choice with its value, if it had none and the program determines it."""
+        """The choice, with its value if the program determines it without a run."""
         site = self._asking_site(choice)
         if choice.value is not None or site is None:
             return choice
@@ -423,12 +423,10 @@ class ChoiceWords:
 
 
 def _source_words(site: _ChoiceSite) -> str:
-    """The text of a `choose` on one line."""
     return " ".join(site.expr.span.text.split())
 
 
 def _step_code(component: Component) -> Iterable[object]:
-    """The code that a step of a component evaluates."""
     if component.plant is not None:
         return plant_code(component.plant)
     return () if component.node is None else component.node.step

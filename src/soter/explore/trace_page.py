@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagram.svg import picture
 from soter.explore.trace import START
-from soter.report.run.counterexample_page import Instant, Told, counterexample_page
+from soter.report.run.counterexample_page import Instant, PageWords, counterexample_page
 from soter.report.run.record import Decision
 from soter.report.sequence_view import HEADERS, duration_text, explanation, table_rows
 from soter.report.templates import PageSection
@@ -44,10 +44,10 @@ def trace_page(replay: Replayed, view: SequenceView) -> ReportPage:
             ": ".join(filter(None, (mark.text, visible(step.note)))),
         )
         for step, (number, _, *rest, mark) in zip(
-            view.steps, table_rows(view, cell_max=_WHOLE), strict=True
+            view.steps, table_rows(view, cell_max=_CELL_MAX), strict=True
         )
     )
-    run = Told(
+    run = PageWords(
         title=" · ".join(map(visible, filter(None, (view.program, view.system, view.test)))),
         headline=visible(view.verdict),
         subtitle=" ".join(filter(None, (f"{visible(view.property_text)}.", explanation(view)))),
@@ -64,8 +64,8 @@ def trace_page(replay: Replayed, view: SequenceView) -> ReportPage:
     )
 
 
-_WHOLE = 10**6
-"""Columns that a cell of the page may have: all."""
+_CELL_MAX = 10**6
+"""The most characters of a cell of the page: so many that none is shortened."""
 
 
 def _instants(replay: Replayed) -> Iterator[Instant]:

@@ -109,7 +109,7 @@ def _minimality_remark(replay: Replayed) -> str:
 
 
 def _overrun_durations(replay: Replayed) -> dict[int, int]:
-    """The ns from an overrunning step to its effect, by the number of either step."""
+    """The ns from each overrunning step to the step of its effect, by the number of both steps."""
     begun: dict[str, ReplayedStep] = {}
     durations: dict[int, int] = {}
     for step in replay.steps:
@@ -153,7 +153,7 @@ def _sequence_step(
         dropped=tuple([f"queue `{d.queue}` is full: {DROPS[d.policy]}" for d in step.dropped]),
         lasts_ns=durations.get(step.number),
         observable=step.observable,
-        violates=replay.own_violation_among(step.violated),
+        violates=replay.has_own_violation(step.violated),
         note=_step_note(step, replay),
     )
 
@@ -183,9 +183,9 @@ def _step_note(step: ReplayedStep, replay: Replayed) -> str:
     clauses = [
         r
         for b, r in zip(step.violated, step.reasons, strict=False)
-        if r and replay.own_violation_among([b])
+        if r and replay.has_own_violation([b])
     ]
-    others = [f"`{b.text}`" for b in step.violated if not replay.own_violation_among([b])]
+    others = [f"`{b.text}`" for b in step.violated if not replay.has_own_violation([b])]
     if others:
         clauses.append(
             f"{', '.join(others)} {'is' if len(others) == 1 else 'are'} violated as well"
@@ -199,7 +199,7 @@ def _step_note(step: ReplayedStep, replay: Replayed) -> str:
     return ""
 
 
-# ---------------------------------------------------------------- who is there
+# ---------------------------------------------------------------- lanes and modes
 
 
 def _actor_lane(system: System, actor: ScheduledActor) -> Lane:

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 class Domains:
-    """The ranges of all that a test reads; `start`: only before the first step."""
+    """The ranges of all scalars that a test may read; `start`: only before the first step."""
 
     def __init__(self, system: System, *, start: bool = False) -> None:
         self._system = system
@@ -62,7 +62,7 @@ class Domains:
     def _topic_range(self, place: ReadPlace) -> Range:
         topic = self._system.topics[place.index]
         if topic.queue_of is not None:
-            return _known_range(all_values(place.type), place.type)
+            return _scalar_range(all_values(place.type), place.type)
         if self._start or place.index not in self._writable:
             return _range_at(constant_range(topic.type, topic.default), place.path, place.type)
         return range_in_set(topic, place)
@@ -75,7 +75,7 @@ class Domains:
         moved = plant.extern or state in plant.der or state in plant.next
         drawn = component.initial_range and component.initial_range[place.path[0]]
         if moved and not self._start:
-            return _known_range(all_values(place.type), place.type)
+            return _scalar_range(all_values(place.type), place.type)
         if drawn:
             return Range(*drawn)
         first = constant_range(state.type, component.initial[place.path[0]])
@@ -92,15 +92,15 @@ def _writable_topics(system: System) -> set[int]:
     return topics
 
 
-def _range_at(whole: Known, path: tuple[int, ...], of: Type) -> Range:
+def _range_at(ranges: Known, path: tuple[int, ...], leaf_type: Type) -> Range:
     for index in path:
-        whole = whole[index] if isinstance(whole, tuple) and index < len(whole) else None
-    return whole if isinstance(whole, Range) else _known_range(all_values(of), of)
+        ranges = ranges[index] if isinstance(ranges, tuple) and index < len(ranges) else None
+    return ranges if isinstance(ranges, Range) else _scalar_range(all_values(leaf_type), leaf_type)
 
 
-def _known_range(known: Known, of: Type) -> Range:
-    assert isinstance(known, Range), (of, leaf_count(of))
-    return known
+def _scalar_range(ranges: Known, leaf_type: Type) -> Range:
+    assert isinstance(ranges, Range), (leaf_type, leaf_count(leaf_type))
+    return ranges
 
 
 def permits_nothing(c: Component, read: Read) -> bool:
@@ -127,15 +127,15 @@ def permits_nothing(c: Component, read: Read) -> bool:
 def _condition_and_publication(
     condition: typed.TypedExpr, body: tuple[typed.TypedStmt, ...]
 ) -> typed.TypedExpr:
-    """The condition, and that some output is published, where there are several."""
+    """The condition; where each output has an `if` of its own, also that one is published."""
     if any(isinstance(s, typed.TypedPublish) for s in body):
         return condition
     published: typed.TypedExpr | None = None
     for s in body:
         if isinstance(s, typed.TypedIf):
-            also = s.arms[0][0]
-            both = (BOOL, condition.span, "||", published, also)
-            published = also if published is None else typed.TypedBinary(*both)  # type: ignore[arg-type]
+            chosen = s.arms[0][0]
+            either = (BOOL, condition.span, "||", published, chosen)
+            published = chosen if published is None else typed.TypedBinary(*either)  # type: ignore[arg-type]
     assert published is not None
     return typed.TypedBinary(BOOL, condition.span, "&&", published, condition)
 
@@ -160,7 +160,7 @@ class VacuousPart:
     """One part of a test that says nothing.
 
     `what`: property (it cannot fail), premise (it was never put to the test), contract, module,
-    fault, input or replacement; `name`: as people write it; `why` it says nothing.
+    fault, input or replacement; `name`: its name or text; `why` it says nothing.
     """
 
     what: str
@@ -189,8 +189,8 @@ def find_vacuous_parts(
     """All parts of a test that say nothing.
 
     `met`: for each property, then each timed one, whether it was judged, and put to the test.
-    `unreached`: modes, as coverage names them. `replaced`: components and what stands in their
-    place. `ended`: the search saw all executions, so what was not met cannot be met.
+    `unreached`: modes that no execution reached. `replaced`: pairs of a component and what replaces
+    it. `ended`: the search saw all executions, so what none of them met cannot be met.
     """
     vacuities = [*_vacuous_statements(system, met, ended=ended), *_unread_parts(system, replaced)]
     for module in system.modules:
@@ -242,7 +242,6 @@ def _property_vacuity(
 def _why_it_cannot_fail(
     condition: typed.TypedExpr, wanted: bool, prop: Property, domains: Domains
 ) -> str:
-    """Says why a property that cannot fail cannot."""
     reads = [n for n in nodes([condition]) if isinstance(n, _READ_KINDS)]
     if not reads:
         return "cannot fail: it reads nothing"
@@ -313,7 +312,7 @@ def _source_text(e: typed.TypedExpr) -> str:
     return " ".join(e.span.text.split())
 
 
-# ---------------------------------------------------------------- what a test changes
+# ---------------------------------------------------------------- changes that a test makes
 
 
 def _contract_vacuities(system: System, domains: Domains) -> Iterator[VacuousPart]:
@@ -401,7 +400,7 @@ def symbol_at_path(
     found: object = test.system
     for name in path.split("."):
         if isinstance(found, typed.ModuleSymbol):
-            names = {n.name.rpartition(".")[2]: n for n in found.own}
+            names = {n.name.rpartition(".")[2]: n for n in found.controllers}
             found = names.get(name)
             continue
         instance = found.by_name.get(name) if isinstance(found, typed.SystemSymbol) else None

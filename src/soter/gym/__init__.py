@@ -20,12 +20,12 @@ In reading order:
 
 from __future__ import annotations
 
-from soter.version import pip_install
+from soter.version import pip_command
 
 try:
     import gymnasium as _gymnasium  # noqa: F401 - asked for here, so that the message says what to do
 except ImportError as error:
-    raise ImportError(f"soter.gym needs gymnasium: {pip_install('learn')}") from error
+    raise ImportError(f"soter.gym needs gymnasium: {pip_command('learn')}") from error
 
 from soter.gym.plant_conformance import Conformance, conformance
 from soter.gym.protected import Protected, SafetyWrapper, make_protected, make_sb3_vec

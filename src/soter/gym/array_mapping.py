@@ -1,4 +1,4 @@
-"""From Gymnasium's arrays to a program's values, and back.
+"""Maps Gymnasium's arrays to a program's values, and back.
 
 Purpose: the mappings where a user gives none: an observation is the plant's states, an action the
 advanced controller's outputs, a command what the plant reads, by leaf; and the spaces of these.
@@ -90,22 +90,22 @@ def assemble_values(shapes: Shapes, flat: object, subject: str) -> list[Value]:
     needed = sum(1 for _, t in shapes for _ in leaves(t))
     count = array.size
     if needed != count:
-        raise wrong_count(shapes, count, subject)
+        raise wrong_count_error(shapes, count, subject)
     return [_value_from_numbers(t, numbers) for _, t in shapes]
 
 
-def wrong_count(shapes: Shapes, count: int, subject: str) -> SoterError:
-    """Gives a SoterError U001: an array has `count` numbers, and the shapes need another count."""
+def wrong_count_error(shapes: Shapes, count: int, subject: str) -> SoterError:
+    """The SoterError U001 that an array has `count` numbers, and the shapes need others."""
     names = ", ".join(f"`{n}`" for n, _ in shapes)
     needed = sum(1 for _, t in shapes for _ in leaves(t))
     message = f"{subject} has {count} numbers, but {names} {needed}"
     return wrong_choice(message, "give a function that maps them")
 
 
-def wrong_structure(
+def wrong_structure_error(
     subject: str, shapes: Shapes, answer: object, error: ValueShapeError
 ) -> SoterError:
-    """Gives a SoterError U001: a user's function answered other names or counts than `shapes`."""
+    """The SoterError U001 that a user's function answered other names or counts than `shapes`."""
     names = [n for n, _ in shapes]
     keys = answer if isinstance(answer, Mapping) else ()
     near = [h for key in keys if key not in names for h in did_you_mean(str(key), names)]
@@ -123,7 +123,7 @@ def _leaf_value(t: Type, number: float) -> Value:
 
 
 def _discrete_value(t: Type, number: float) -> object:
-    """An int, bool or enum as `from_python` takes it; unchanged if there is none of that number."""
+    """The int, bool or enum with that number, for `from_python`; else the number unchanged."""
     if not math.isfinite(number) or number != int(number):
         return number
     if isinstance(t, EnumType):
@@ -246,18 +246,18 @@ def _rounded_inward(
 
 
 def action_maker(space: spaces.Space[Any], count: int) -> Callable[[npt.NDArray[np.float64]], Any]:
-    """Gives a function that makes an action of an environment's space of an array (count,).
+    """The function that makes an action in an environment's space from an array (count,).
 
     SoterError U001 for a space without a default, or one with another number of numbers; the
     function raises it for a fraction where whole numbers are wanted.
     """
     if isinstance(space, spaces.Discrete):
         _require_size(space, 1, count)
-        return lambda numbers: _require_member(space, int(_whole_numbers(space, numbers)[0]))
+        return lambda numbers: _require_member(space, int(_require_whole(space, numbers)[0]))
     if isinstance(space, (spaces.MultiDiscrete, spaces.MultiBinary)):
         _require_size(space, int(np.prod(space.shape)), count)
         return lambda numbers: _require_member(
-            space, _whole_numbers(space, numbers).astype(space.dtype).reshape(space.shape)
+            space, _require_whole(space, numbers).astype(space.dtype).reshape(space.shape)
         )
     if not isinstance(space, spaces.Box):
         raise wrong_choice(
@@ -266,14 +266,14 @@ def action_maker(space: spaces.Space[Any], count: int) -> Callable[[npt.NDArray[
     _require_size(space, int(np.prod(space.shape)), count)
     shape, dtype = space.shape, space.dtype
     if not np.issubdtype(dtype, np.floating):
-        return lambda numbers: _whole_numbers(space, numbers).astype(dtype).reshape(shape)
+        return lambda numbers: _require_whole(space, numbers).astype(dtype).reshape(shape)
     if shape == (count,):
         return lambda numbers: numbers.astype(dtype)
     return lambda numbers: numbers.astype(dtype).reshape(shape)
 
 
 def action_from_numbers(space: spaces.Space[Any], numbers: npt.NDArray[np.float64]) -> Any:  # noqa: ANN401
-    """Makes an action of an environment's space of (n,); SoterError U001 as `action_maker`."""
+    """The action in an environment's space from numbers (n,); SoterError U001 as `action_maker`."""
     return action_maker(space, len(numbers))(numbers)
 
 
@@ -283,7 +283,7 @@ def _require_size(space: spaces.Space[Any], wanted: int, count: int) -> None:
         raise wrong_choice(f"{message} (`{space}`)", "give command=...")
 
 
-def _whole_numbers(
+def _require_whole(
     space: spaces.Space[Any], numbers: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.float64]:
     """Gives the same numbers (n,); raises SoterError U001 where one of them is not whole."""

@@ -28,8 +28,8 @@ from soter.native.extern_bindings import Bindings, bind
 from soter.native.kept_state import why_it_keeps_state
 from soter.native.loaded_program import Library
 from soter.native.shared_library import RUNTIME, library
-from soter.simulate.externs.c_extern import linked_content, linked_symbols
-from soter.simulate.externs.callables import callables
+from soter.simulate.externs.c_extern import linked_c_hash, linked_symbols
+from soter.simulate.externs.callables import load_callables
 from soter.simulate.interrupt import StopRequest
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ _LOCK = threading.RLock()
 
 
 class MemoryLeaf(NamedTuple):
-    """The place of a number, its `soter_leaf_kind`, and the least and largest of an int or enum."""
+    """The place of a number in memory, its `soter_leaf_kind`, and the range of an int or enum."""
 
     offset: int
     kind: int
@@ -123,14 +123,14 @@ class CompiledEnvironment:
         self.bindings = bind(system, {**bound, **silent})
         core = self.bindings.core
         functions = [x for x in self.bindings.externs if x.kind == "function"]
-        callables(Bindings(system, core, functions), "native", StopRequest())
-        self.linked = any(text.startswith("c:") for text in self.bindings.texts().values())
-        self.linked_content = linked_content(system, core)
+        load_callables(Bindings(system, core, functions), "native", StopRequest())
+        self.linked = any(text.startswith("c:") for text in self.bindings.binding_texts().values())
+        self.linked_c_hash = linked_c_hash(system, core)
         unit = generate_measured(system, core)
         self.layout = unit.layout
         self.dtype = state_dtype(self.layout)
         path = built_library(unit)
-        _require_kept_nothing(unit)
+        _require_no_kept_state(unit)
         owners = linked_symbols(system, core)
         self.library = Library(path, unit.prefix, self.layout.size, owners)
         self.ffi = interface(
@@ -150,7 +150,7 @@ class CompiledEnvironment:
         self.acts_numbers = is_flat(t for _, t in answer_fields(agent))
         self.commands_numbers = is_flat(system.topics[t].type for t in self._applied_topics())
         module = None if roles.module is None else system.modules[roles.module]
-        self.given = self._leaf_buffers(agent, plant)
+        self.buffers = self._leaf_buffers(agent, plant)
         return self.ffi.new(
             "soter_view *",
             {
@@ -162,24 +162,24 @@ class CompiledEnvironment:
                 "plant": NOBODY if roles.plant is None else roles.plant,
                 "answer_most": self.largest_answer_bytes,
                 "plain": self.lib.soter_is_plain(self.program),
-                **{name: leaves.fields for name, leaves in self.given.items()},
+                **{name: leaves.fields for name, leaves in self.buffers.items()},
             },
         )
 
     def _leaf_buffers(self, agent: Component, plant: Component | None) -> dict[str, LeafBuffer]:
-        """By the driver's name for it, each array of numbers: the leaves that it stands for."""
+        """The leaves that each array of numbers stands for, by the array's name in the driver."""
         sizes = {i: x.size for i, x in self.answers.items()}
         action, answer = self._answer_leaves(agent) if self.acts_numbers else ([], [])
         moved: list[MemoryLeaf] = []
         start: list[MemoryLeaf] = []
         if plant is not None and self.moves_numbers:
-            (moved, _), start = self._answer_leaves(plant), self.truth(plant)
+            (moved, _), start = self._answer_leaves(plant), self.truth_leaves(plant)
         applied = self._applied_topics() if self.commands_numbers else ()
         observed = [
             leaf
             for x in self.observed
             for leaf in (
-                self.truth(self.system.components[x.index])
+                self.truth_leaves(self.system.components[x.index])
                 if x.truth
                 else self.topic_leaves(x.index)
             )
@@ -197,7 +197,7 @@ class CompiledEnvironment:
         }
 
     def _shield_leaves(self) -> tuple[list[MemoryLeaf], list[MemoryLeaf]]:
-        """Of a module whose shield moves commands: the leaves published, and those AC proposed."""
+        """The leaves that the module publishes and those that AC proposed; [] without a shield."""
         if self.roles.module is None:
             return [], []
         module = self.system.modules[self.roles.module]
@@ -220,7 +220,7 @@ class CompiledEnvironment:
         """The leaves of a topic in the memory of a state."""
         return list(memory_leaves(self.system.topics[index].type, self.layout.topic_offset(index)))
 
-    def truth(self, plant: Component) -> list[MemoryLeaf]:
+    def truth_leaves(self, plant: Component) -> list[MemoryLeaf]:
         """The leaves of a plant's true states in the memory of a state."""
         members = [self.layout.member(plant.index, i) for i in range(len(self._state_types(plant)))]
         return [leaf for offset, t in members for leaf in memory_leaves(t, offset)]
@@ -248,7 +248,7 @@ class CompiledEnvironment:
         return values, [leaf for m in members[count:] for leaf in memory_leaves(m.type, m.offset)]
 
 
-def _require_kept_nothing(unit: Unit) -> None:
+def _require_no_kept_state(unit: Unit) -> None:
     """Raises SoterError X008 for C that may keep something that no reset begins anew."""
     why = why_it_keeps_state(unit)
     if why:
@@ -275,10 +275,10 @@ def loaded_driver(path: Path, prefix: str) -> tuple[Any, Any, Any]:
     return ffi, open_library(ffi, path), program
 
 
-def bound_inside(
+def bindings_inside(
     system: System, outside: Sequence[int], bound: Mapping[str, object]
 ) -> dict[str, object]:
-    """`bound`, with `refuse_call` for the externs outside, so that no file of theirs is read."""
+    """The bindings `bound`, but `refuse_call` for externs `outside`, whose files are not read."""
     externs = [x for x in (system.components[i] for i in outside) if x.extern]
     return {**bound, **{x.name: refuse_call for x in externs}}
 
@@ -291,7 +291,7 @@ def remove_idle_check(module: Module) -> None:
 
 
 def refuse_call(*_: object) -> None:
-    """Stands where externs are bound for one that a caller answers; it is never called."""
+    """Takes the place of an extern that the caller answers for; it is never called."""
     raise AssertionError("an environment answers for its plant and its agent itself")
 
 
@@ -304,17 +304,15 @@ def kept_build(
     those of the first call, and nobody calls them there.
     """
     texts = [(n, t if isinstance(t, str) else None) for n, t in program.bound.items()]
-    whole = (*key, *texts)
+    full_key = (*key, *texts)
     with _LOCK:
-        build = made_or_kept(program, whole, make)
-        if build.linked and build.linked_content != linked_content(
-            build.system, build.bindings.core
-        ):
-            build = made_or_kept(program, whole, make, again=True)
+        build = kept_result(program, full_key, make)
+        if build.linked and build.linked_c_hash != linked_c_hash(build.system, build.bindings.core):
+            build = kept_result(program, full_key, make, again=True)
     return build
 
 
-def made_or_kept(
+def kept_result(
     program: soter.api.Program,
     key: tuple[object, ...],
     make: Callable[[], T],
@@ -322,7 +320,7 @@ def made_or_kept(
     again: bool = False,
 ) -> T:
     """The result of `make`, kept for this key and every program of the same path and content."""
-    whole = (Path(program.path).resolve(), program.sha256, key)
+    full_key = (Path(program.path).resolve(), program.sha256, key)
     with _LOCK:
-        entry: T = _KEPT.get_or_make(whole, make, again=again)
+        entry: T = _KEPT.get_or_make(full_key, make, again=again)
         return entry

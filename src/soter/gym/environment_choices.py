@@ -44,18 +44,18 @@ class ObservedPart:
 
 
 def wrong_choice(message: str, *helps: str) -> SoterError:
-    """Gives a SoterError U001 for an argument that names nothing, or not one thing."""
+    """The SoterError U001 for a wrong argument of the caller's."""
     return SoterError((Diagnostic("U001", message, helps=tuple(h for h in helps if h)),))
 
 
 def chosen_module(system: System, name: str | None) -> Module:
-    """Gives the module of that name, by default the only one; raises SoterError U001."""
+    """The module of that name, by default the only one; raises SoterError U001."""
     names = [m.name for m in system.modules]
     return system.modules[_chosen_index("module", names, name, system.name)]
 
 
 def chosen_plant(system: System, name: str | None) -> Component:
-    """Gives the plant of that name, by default the only one; raises SoterError U001."""
+    """The plant of that name, by default the only one; raises SoterError U001."""
     plants = [c for c in system.components if c.plant is not None]
     return plants[_chosen_index("plant", [c.name for c in plants], name, system.name)]
 
@@ -101,7 +101,7 @@ def observed_parts(
 
 
 def _observable_parts(system: System, plants: Sequence[Component]) -> dict[str, ObservedPart]:
-    """What may be observed, by name: each topic that nodes publish, each plant's true states."""
+    """The parts that may be observed, by name: published topics and true states of plants."""
     topics = [t for t in system.topics if t.queue_of is None and not t.held]
     truths = {f"{c.name}.truth": ObservedPart(c.index, truth=True) for c in plants}
     return {t.name: ObservedPart(t.index) for t in topics} | truths
@@ -120,7 +120,7 @@ def _observed_types(system: System, seen: ObservedPart) -> list[Type]:
     return [v.type for v in plant.states]
 
 
-def require_compiled(system: System, agent: int) -> None:
+def require_no_shared_extern(system: System, agent: int) -> None:
     """Raises SoterError U003 for an extern, not the agent's, which all worlds would share."""
     for c in system.components:
         if c.extern and c.index != agent:
@@ -140,9 +140,9 @@ def require_compiled(system: System, agent: int) -> None:
 
 
 def system_with_errors(system: System, plant: Component, errors: bool | Sequence[str]) -> System:
-    """Keeps a plant's measurement errors on the topics in `errors` alone (True: on all).
+    """The system with a plant's measurement errors only on the topics `errors` (True: on all).
 
-    An environment has sensors of its own. SoterError U001 for a topic without such errors.
+    An environment's own sensors already have errors. SoterError U001 for a topic without errors.
     """
     if errors is True:
         return system
@@ -158,7 +158,7 @@ def system_with_errors(system: System, plant: Component, errors: bool | Sequence
 
 
 def ordered_info_keys(keys: Collection[str]) -> tuple[str, ...]:
-    """Gives `keys` in the order of `INFO_KEYS`; raises SoterError U001 for an unknown one."""
+    """The `keys` in the order of `INFO_KEYS`; raises SoterError U001 for an unknown one."""
     wanted = {keys} if isinstance(keys, str) else set(keys)
     if unknown := sorted(map(str, wanted.difference(INFO_KEYS))):
         names = ", ".join(f"`{name}`" for name in unknown)

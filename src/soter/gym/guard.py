@@ -1,4 +1,4 @@
-"""A module between an agent and an environment, for both classes of Gymnasium that have one.
+"""Puts a module between an agent and an environment, for both classes of Gymnasium that do so.
 
 Purpose: `Protected` and `SafetyWrapper` hand each `reset` and `step` to an `EnvironmentGuard`. It
 carries actions, commands and observations between agent, compiled module and environment, and makes
@@ -135,10 +135,10 @@ class EnvironmentGuard:
         self._output_types = [(t.name.rpartition(".")[2], t.type) for t in outputs]
         self._observations_are_numbers = self._observe is None and made.moves_numbers
         self._actions_are_numbers = self._act is None and made.acts_numbers
-        self.plant_model = self._step_model(made)
+        self.plant_model = self._judging_model(made)
         self._plant_index = session.plant.index
         self._calls_c_directly = (
-            session.alone and self._observations_are_numbers and self._actions_are_numbers
+            session.is_compiled and self._observations_are_numbers and self._actions_are_numbers
         )
         self._info_by_flags: dict[int, dict[str, Any]] = {}
         self._repeated_info: dict[str, Any] = {}
@@ -148,19 +148,19 @@ class EnvironmentGuard:
             self._make_next_command = self._command_source(space)
 
     def _command_source(self, space: spaces.Space[Any]) -> Callable[[], Any]:
-        """Gives the function that makes the environment's next action; SoterError U001."""
+        """The function that makes the environment's next action; SoterError U001."""
         session = self.session
         next_command = array_mapping.action_maker(space, len(session.command))
         if isinstance(space, spaces.Box) and space.shape == session.command.shape:
             bounds = [b for t in self._topics_read for b in t.bounds]
             if space.dtype == np.float64:
                 return session.command.copy
-            if space.dtype == np.float32 and all(b and is_single(b) for b in bounds):
+            if space.dtype == np.float32 and all(b and fits_float32(b) for b in bounds):
                 return session.rounded_command().copy
         return partial(next_command, session.command)
 
-    def _step_model(self, made: CompiledEnvironment) -> SessionPlant | None:
-        """Gives the model that judges the environment's steps, or None; SoterError U001."""
+    def _judging_model(self, made: CompiledEnvironment) -> SessionPlant | None:
+        """The model that judges the environment's steps, or None; SoterError U001."""
         system, _, plant, params, _ = self.choice
         model = None
         if self._alarm is not False and made.moves_numbers:
@@ -190,8 +190,8 @@ class EnvironmentGuard:
         session.start(int(self._seed_generator.integers(SEED_END)))
         if not self._observations_are_numbers:
             self._state_values = self._plant_states(observation)
-            session.place_values(self._state_values)
-        elif not (self._observation_numbers(observation) and session.place_numbers()):
+            session.start_at_values(self._state_values)
+        elif not (self._observation_numbers(observation) and session.start_at_numbers()):
             raise self._no_states_error(observation)
         if broken := self._states_not_finite():
             names = ", ".join(f"`{n}`" for n in broken)
@@ -216,10 +216,9 @@ class EnvironmentGuard:
     ) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Answers for the agent, and steps `env` whenever the plant is due until the agent is.
 
-        There are two shorter ways. C reads the arrays of the agent and of `env` where they lie
-        (`act_directly`, `move_directly`); what it cannot read so goes through Python. And where C
-        finds a step that differs from the last one in the margin alone, `info` is a copy of that
-        step's.
+        Two things make it faster. C reads the arrays of the agent and of `env` in place
+        (`act_directly`, `move_directly`), if it can; other values go through Python. And if C finds
+        that a step differs from the last one only in the margin, the last `info` is copied.
         SoterError U001 where no episode has begun or it is over, or where numbers do not fit.
         """
         if self._episode_is_over:
@@ -243,7 +242,7 @@ class EnvironmentGuard:
             if due == NO_NUMBERS:
                 due = self._give_observation(last)
             elif due == NO_STATES or self.after_judged_step is not None:
-                self._note_judged(last, due)
+                self._note_judged_step(last, due)
         if due == SAME_BUT_MARGIN:
             self._episode_is_over = ended or cut
             info = self._repeated_info.copy()
@@ -262,10 +261,10 @@ class EnvironmentGuard:
             info |= {"off_model": True, "not_finite": broken}
         if self._truncates_on_violation and info["cost"]:
             cut = self._episode_is_over = True
-        self._note_step(info)
+        self._remember_step(info)
         return self._last_observation, reward, ended, cut, self._wanted_info(info, env_info)
 
-    def _note_step(self, info: dict[str, Any]) -> None:
+    def _remember_step(self, info: dict[str, Any]) -> None:
         """Keeps what C compares the next step with; warns of the first step off the model."""
         session = self.session
         self._violations_before = info["violations"]
@@ -288,8 +287,8 @@ class EnvironmentGuard:
             return session.run_until_due()
         count = copy_numbers(action, session.action, "an action")
         if count is not None:
-            raise array_mapping.wrong_count(self._output_types, count, "an action")
-        return session.act_numbers()
+            raise array_mapping.wrong_count_error(self._output_types, count, "an action")
+        return session.act_with_numbers()
 
     def _action_values(self, action: Any) -> list[Value | None] | None:  # noqa: ANN401 - any action
         """The values of the agent's topics for an action; None where it is no value of them."""
@@ -300,7 +299,7 @@ class EnvironmentGuard:
             return list(convert_answer(self._output_types, answer))
         except ValueStructureError as error:
             message = "`act` gave no outputs of the controller"
-            raise array_mapping.wrong_structure(
+            raise array_mapping.wrong_structure_error(
                 message, self._output_types, answer, error
             ) from error
         except ValueShapeError:
@@ -316,15 +315,15 @@ class EnvironmentGuard:
             if self.plant_model is not None:
                 session.moved[:] = array_mapping.numbers_of_values(self._state_types, states)
                 session.judge_move()
-                self._note_judged(observation, session.plant.index)
+                self._note_judged_step(observation, session.plant.index)
             session.move_to_values(states)
             return session.run_until_due()
-        due = session.move_numbers() if self._observation_numbers(observation) else NO_STATES
-        self._note_judged(observation, due)
+        due = session.move_to_numbers() if self._observation_numbers(observation) else NO_STATES
+        self._note_judged_step(observation, due)
         return due
 
     def _states_not_finite(self) -> list[str]:
-        """Names the states that the environment showed as NaN or infinite."""
+        """The names of the states that the environment showed as NaN or infinite."""
         values = self._state_values
         if self._observations_are_numbers:
             values = array_mapping.assemble_values(
@@ -333,8 +332,8 @@ class EnvironmentGuard:
         named = zip(self._state_types, values, strict=True)
         return [n for (n, _), value in named if not array_mapping.is_finite(value)]
 
-    def _note_judged(self, observation: Any, due: int) -> None:  # noqa: ANN401 - any observation
-        """Passes the judged step to `judged`; SoterError U001 if the observation was no state."""
+    def _note_judged_step(self, observation: Any, due: int) -> None:  # noqa: ANN401 - any observation
+        """Calls `after_judged_step`, if any; SoterError U001 if the observation was no state."""
         if due == NO_STATES:
             raise self._no_states_error(observation)
         if self.after_judged_step is not None and self.plant_model is not None:
@@ -344,10 +343,10 @@ class EnvironmentGuard:
         return copy_numbers(observation, self.session.moved, "an observation") is None
 
     def _no_states_error(self, observation: Any) -> SoterError:  # noqa: ANN401 - any observation
-        """Gives the SoterError that says why an observation is no state of the plant."""
+        """The SoterError that says why an observation is no state of the plant."""
         count = copy_numbers(observation, self.session.moved, "an observation")
         if count is not None:
-            return array_mapping.wrong_count(self._state_types, count, "an observation")
+            return array_mapping.wrong_count_error(self._state_types, count, "an observation")
         try:
             array_mapping.assemble_values(self._state_types, observation, "an observation")
         except ValueShapeError as error:
@@ -355,7 +354,7 @@ class EnvironmentGuard:
         raise AssertionError(observation)
 
     def _plant_states(self, observation: Any) -> list[Value]:  # noqa: ANN401 - any observation
-        """The plant's states by an observation; what `observe` leaves out keeps its value."""
+        """The plant's states from an observation; states that `observe` omits keep their values."""
         if self._observe is None:
             return array_mapping.assemble_values(self._state_types, observation, "an observation")
         try:
@@ -363,7 +362,7 @@ class EnvironmentGuard:
             states = convert_answer(self._state_types, answer)
         except ValueShapeError as error:
             message = "`observe` gave no state of the plant"
-            raise array_mapping.wrong_structure(
+            raise array_mapping.wrong_structure_error(
                 message, self._state_types, answer, error
             ) from error
         old = self.session.plant_states()
@@ -387,7 +386,7 @@ class EnvironmentGuard:
         named = {n: to_python(t, v) for (n, t), v in zip(shapes, values, strict=True)}
         return self._command(**named)
 
-    # ------------------------------------------------------------ what is told
+    # ------------------------------------------------------------ info and masks
 
     def _info_of_step(
         self,
@@ -395,7 +394,7 @@ class EnvironmentGuard:
         action: Any,  # noqa: ANN401 - any action
         taken: Any,  # noqa: ANN401 - any action of the environment
     ) -> dict[str, Any]:
-        """Joins `env_info` of the environment with what is known of the module after a step."""
+        """The environment's `env_info`, together with the module's facts after a step."""
         session = self.session
         outside, violations = session.outside, session.seen.violations
         if self._episode_is_over and session.compiled.linked:
@@ -436,7 +435,7 @@ class EnvironmentGuard:
         space = self.action_space
         if not isinstance(space, spaces.Discrete):
             raise wrong_choice("only a `Discrete` action space has a mask", f"it is {space}")
-        if self._episode_is_over:  # nobody is asked
+        if self._episode_is_over:  # the agent has nothing to answer
             return np.zeros(int(space.n), dtype=np.bool_)
         actions = range(int(space.start), int(space.start) + int(space.n))
         return np.array([self.session.would_publish(self._action_values(a)) for a in actions])
@@ -445,7 +444,7 @@ class EnvironmentGuard:
 
     def __getstate__(self) -> dict[str, Any]:
         """Gives all attributes but the compiled program, which `__setstate__` loads again."""
-        if not self.session.alone:
+        if not self.session.is_compiled:
             raise wrong_choice(
                 "an environment with externs in Python has no copy",
                 "their memory is their own: make another environment",
@@ -481,6 +480,6 @@ class EnvironmentGuard:
         return made
 
 
-def is_single(bound: Bound) -> bool:
-    """Whether all numbers between two bounds stay finite when they are rounded to float32."""
+def fits_float32(bound: Bound) -> bool:
+    """Whether all numbers between two bounds stay finite when rounded to float32."""
     return max(abs(bound.low), abs(bound.high)) <= float(np.finfo(np.float32).max)

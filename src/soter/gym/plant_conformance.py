@@ -26,21 +26,21 @@ if TYPE_CHECKING:
 
 
 NEAR_TURN = 0.02
-"""Turns: how near a difference lies to a whole number of them where an angle wrapped around."""
+"""An angle wrapped around if a difference is this near to a whole number of turns, in turns."""
 
 
 @dataclass(frozen=True)
 class Conformance:
-    """`steps` of the environment against the program's plant.
+    """The comparison of `steps` of an environment with the program's plant.
 
-    `inside`: how many are explained by disturbances within their bounds. By state: `residual`, the
-    largest difference that the best of them leave; `undisturbed`, that to the plant with every
-    disturbance at its middle. `used`: by disturbance the largest part of its bounds that was needed
-    (1: a bound). `worst`: the step with the largest residual, relative to what is tolerated.
-    `wrapped`: by state, of the steps that are not inside how many went near a whole number of turns
-    (2 pi) past the undisturbed plant: where there are any, an angle that wraps around.
-    `not_observed`: states that `observe` gave in no step; nothing was compared there. `ac_share`:
-    the share of the agent's steps in which AC had control; only there it explored.
+    `inside`: how many steps disturbances within their bounds explain. By state: `residual`: the
+    largest difference that the best disturbances leave; `undisturbed`: the largest difference from
+    the plant with every disturbance at its middle; `wrapped`: how many steps that are not inside
+    are near a whole number of turns (2 pi) off the undisturbed plant, as after an angle wrapped.
+    `used`: by disturbance, the largest part of its bounds that a step needed (1: a bound).
+    `worst`: the step with the largest residual, relative to what is tolerated. `not_observed`:
+    states that `observe` never gave, so that nothing was compared. `ac_share`: the share of the
+    agent's steps in which AC had control; only in these it explored.
     """
 
     steps: int
@@ -133,11 +133,11 @@ def conformance(
     seed: int = 0,
     policy: Callable[[Any], Any] | None = None,
 ) -> Conformance:
-    """Lets `policy(observation)` drive for `n` steps of the plant or a few more, and compares each.
+    """Drives `env` for `n` or a few more steps of its plant; compares each with the program's.
 
-    Without a policy, actions are drawn from the action space. A step counts as inside where
-    disturbances within their bounds were found with which the program's plant comes as close as
-    `tolerance` of `env` says. `SafetyWarning` where AC had control in no step. SoterError U001
+    `policy` gives the action for an observation; without it, actions are drawn from the action
+    space. A step is inside if disturbances within their bounds bring the program's plant within
+    `tolerance` of `env` to it. `SafetyWarning` where AC had control in no step. SoterError U001
     where there is no model of the program's plant.
     """
     if n < 1:

@@ -18,8 +18,8 @@ from soter.codegen.unit import generate
 from soter.gym import compiled_system as compiled
 from soter.gym.compiled_system import LeafBuffer, memory_leaves
 from soter.gym.environment_choices import chosen_plant, wrong_choice
-from soter.language.elaborate.derived_systems import faultless, undriven, with_components
-from soter.language.model.tree_walk import chosen_lets
+from soter.language.elaborate.derived_systems import bare_system, faultless, with_components
+from soter.language.model.tree_walk import lets_that_choose
 from soter.language.model.types import default_value, leaf_count, leaves
 
 if TYPE_CHECKING:
@@ -58,17 +58,17 @@ class PlantModel:
         path = compiled.built_library(unit)
         self.ffi, self.lib, self.program = compiled.loaded_driver(path, unit.prefix)
         members = [self.layout.member(0, i) for i in range(len(component.plant.states))]  # type: ignore[union-attr]
-        both = [leaf for offset, t in members for leaf in memory_leaves(t, offset)]
-        self.states = LeafBuffer(self.ffi, both[: len(self.names)])
-        self.disturbances = LeafBuffer(self.ffi, both[len(self.names) :])
+        state_leaves = [leaf for offset, t in members for leaf in memory_leaves(t, offset)]
+        self.states = LeafBuffer(self.ffi, state_leaves[: len(self.names)])
+        self.disturbances = LeafBuffer(self.ffi, state_leaves[len(self.names) :])
 
 
 def why_no_model(plant: Component) -> str | None:
-    """Says why no `PlantModel` can be made of the plant; None where one can be made."""
+    """The reason why no `PlantModel` can be made of a plant, in words; None if one can be made."""
     assert plant.plant is not None
     if plant.plant.extern:
         return f"plant `{plant.name}` is extern in the program"
-    if chosen_lets(plant.plant):
+    if lets_that_choose(plant.plant):
         return f"plant `{plant.name}` chooses"
     return None
 
@@ -81,13 +81,13 @@ def make_plant_model(
 ) -> PlantModel | None:
     """Makes the model of a program's plant, once; None where `why_no_model` has a reason."""
 
-    def make() -> PlantModel | str:
+    def make_model() -> PlantModel | str:
         flat = program.declared(system, params)
         body = chosen_plant(flat, plant)
         return why_no_model(body) or PlantModel(flat, body)
 
-    model = compiled.made_or_kept(
-        program, ("model", system, plant, repr(sorted((params or {}).items()))), make
+    model = compiled.kept_result(
+        program, ("model", system, plant, repr(sorted((params or {}).items()))), make_model
     )
     return None if isinstance(model, str) else model
 
@@ -98,12 +98,12 @@ class SessionPlant:
     def __init__(
         self, model: PlantModel, made: CompiledEnvironment, tolerance: Array, relative: float
     ) -> None:
-        """`tolerance`: the absolute one of each state, (states,); infinite: not compared."""
+        """`tolerance`: the absolute one of each state, (states,), infinite where not compared."""
         self.model = model
         states, drawn = len(model.names), len(model.drawn)
         self.state = np.zeros(-(-model.layout.size // 8), dtype=np.int64)
         self.tolerance = np.ascontiguousarray(tolerance, dtype=np.float64)
-        self._own = self.tolerance.copy()
+        self._all_tolerances = self.tolerance.copy()
         self.observed = np.ones(states, dtype=bool)
         """Which numbers of the states the environment gave in the last step, (states,)."""
         self.origin, self.residual, self.undisturbed = (np.zeros(states) for _ in range(3))
@@ -132,10 +132,9 @@ class SessionPlant:
     def compare_only(self, wanted: Sequence[bool]) -> None:
         """Compares only the states of the plant whose entry in `wanted` is true."""
         self.observed = np.repeat(wanted, self.model.sizes)
-        self.tolerance[:] = np.where(self.observed, self._own, np.inf)
+        self.tolerance[:] = np.where(self.observed, self._all_tolerances, np.inf)
 
     def _pointer(self, array: Array) -> Any:  # noqa: ANN401 - cdata
-        """The C pointer to an array (n,)."""
         return self.model.ffi.cast("double *", array.ctypes.data)
 
 
@@ -144,7 +143,7 @@ def tolerances(
     observed: np.dtype[Any] | None,
     absolute: float | Mapping[str, float] | None = None,
 ) -> tuple[Array, float]:
-    """The absolute tolerance of each state, (states,), and the relative one of a dtype.
+    """The absolute tolerance of each state, (states,), and the relative one for dtype `observed`.
 
     Tolerances that the user gives as `absolute` make the relative one 0. SoterError U001.
     """
@@ -186,4 +185,4 @@ def _plant_alone(system: System, plant: Component) -> System:
         disturbances=(),
         measured=(),
     )
-    return faultless(undriven(with_components(system, (changed,)), [plant.index]))
+    return faultless(bare_system(with_components(system, (changed,)), [plant.index]))

@@ -102,8 +102,8 @@ class Protected(gymnasium.Env[Any, Any]):
 class SafetyWrapper(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """`Protected` as a wrapper of Gymnasium's, with `env` first and the same `options`.
 
-    It may stand anywhere among wrappers; `unwrapped`, `get_wrapper_attr`, `spec` and copies are as
-    of any. It sees what the wrappers inside of it show: put those that change observations
+    It may stand anywhere among wrappers; `unwrapped`, `get_wrapper_attr`, `spec` and copies work as
+    in any wrapper. It sees what the wrappers inside it show: put those that change observations
     (normalise, stack) around it, not inside.
     """
 
@@ -145,7 +145,7 @@ def make_protected(
 
 
 MODES = {"mode": ("SC", "AC"), "taken_by": ("SC", "AC"), "cause": CAUSES, "next_cause": CAUSES}
-"""By key of `info`: the words that one world has for the numbers of many worlds."""
+"""The words that `info` of one world has for the numbers of many worlds, by key."""
 
 
 def make_sb3_vec(
@@ -202,7 +202,7 @@ class _Worlds:
         """Begins an episode in every world, and gives observations (num_envs, numbers)."""
         seeds = [seed for seed in self._seeds if seed is not None]
         seen, info = self.worlds.reset(seed=seeds if len(seeds) == self.num_envs else None)
-        self.reset_infos = self._info_a_world(info)
+        self.reset_infos = self._info_by_world(info)
         self._reset_seeds()  # type: ignore[attr-defined] # of the VecEnv
         self._reset_options()  # type: ignore[attr-defined]
         return seen
@@ -215,9 +215,9 @@ class _Worlds:
         """Steps every world; one that ended has begun again, and its `info` has the last view."""
         seen, rewards, ended, cut, info = self.worlds.step(self._actions)
         over = ended | cut
-        infos = self._info_a_world(info)
+        infos = self._info_by_world(info)
         for world in np.flatnonzero(over).tolist():
-            infos[world] = self._info_a_world(info["final_info"], [world])[0]
+            infos[world] = self._info_by_world(info["final_info"], [world])[0]
             infos[world]["terminal_observation"] = info["final_obs"][world]
             infos[world]["TimeLimit.truncated"] = bool(cut[world] and not ended[world])
         return seen, rewards.astype(np.float32), over, infos
@@ -246,7 +246,7 @@ class _Worlds:
         raise wrong_choice(f"`{method_name}` of one world cannot be called: there is no object")
 
     def env_is_wrapped(self, _wrapper_class: Any, indices: Any = None) -> list[bool]:  # noqa: ANN401
-        """Says of each world that it is not wrapped."""
+        """False for each world: none is wrapped."""
         return [False] * len(self._chosen_worlds(indices))
 
     def _chosen_worlds(self, indices: Any) -> list[int]:  # noqa: ANN401 - None, a number or several
@@ -254,7 +254,7 @@ class _Worlds:
             return list(range(self.num_envs))
         return [indices] if isinstance(indices, int) else list(indices)
 
-    def _info_a_world(self, info: dict[str, Any], which: Sequence[int] | None = None) -> list[Any]:
+    def _info_by_world(self, info: dict[str, Any], which: Sequence[int] | None = None) -> list[Any]:
         """The `info` of each world, with the chosen keys."""
         worlds = range(self.num_envs) if which is None else which
         keys = [key for key in self._info_keys if key in info]

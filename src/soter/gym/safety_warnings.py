@@ -33,7 +33,7 @@ CHANGED = {
     "TransformAction": "actions",
     "StickyAction": "actions",
 }
-"""Wrappers inside of which the plant has other numbers than outside."""
+"""Wrappers that change the numbers of an environment, and which of its numbers they change."""
 LEVEL = 4
 """Frames between a warning and the user's line that caused it."""
 

@@ -3,7 +3,7 @@
 Purpose: a `Session` steps the very C of a program instant by instant: the states of one plant and
 the output of one advanced controller come from the caller, everything else is the program's.
 Numbers go straight into arrays that the C reads (`..._numbers`), values of any type through Python.
-`step_calls` makes functions of an array that answer for the agent and for the plant without a
+`direct_calls` makes functions of an array that answer for the agent and for the plant without a
 foreign-function interface (`c/soter_gym_python.c`): C reads the array where it lies, which takes a
 third of a microsecond less a call than a copy by NumPy and a call by cffi.
 Non-goals: Gymnasium (`guard.py`); several sessions share one compiled program, not a state.
@@ -23,19 +23,19 @@ from soter.gym.array_mapping import array_of_doubles
 from soter.gym.compiled_system import (
     CompiledEnvironment,
     Roles,
-    bound_inside,
+    bindings_inside,
     kept_build,
     refuse_call,
     remove_idle_check,
 )
 from soter.gym.environment_choices import chosen_module, chosen_plant, system_with_errors
-from soter.language.elaborate.derived_systems import answered_outside
+from soter.language.elaborate.derived_systems import with_unbound_externs
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.model.types import numbers_in
-from soter.native.extern_bindings import bind_again
+from soter.native.extern_bindings import bind_objects
 from soter.native.loaded_program import RunStatus
 from soter.semantics.externs import reset_extern
-from soter.simulate.externs.callables import callables
+from soter.simulate.externs.callables import load_callables
 from soter.simulate.externs.python_answers import ExternAnswers
 from soter.simulate.interrupt import StopRequest
 
@@ -56,11 +56,11 @@ if TYPE_CHECKING:
 ONE_ARGUMENT = 0x0008
 """METH_O of Python's C interface: a function of one argument."""
 NO_STATES = -1
-"""`SOTER_NO_STATES`: what was given is no state of the plant."""
+"""`SOTER_NO_STATES`: the numbers are no state of the plant."""
 SAME_BUT_MARGIN = -2
 """`SOTER_AS_TOLD`: the agent is due, and of `info` only the margin differs from the last step's."""
 NO_NUMBERS = -3
-"""`SOTER_NO_NUMBERS`: what was given is no array that C reads as it is; nothing was done."""
+"""`SOTER_NO_NUMBERS`: the argument is no array that C can read in place; nothing was done."""
 NEEDED = {
     "int_of": "PyLong_FromLong",
     "address_of": "PyLong_AsVoidPtr",
@@ -86,15 +86,15 @@ _METHODS: dict[int, _Method] = {}
 """Address of a C function -> its method record, which Python reads as long as it is used."""
 
 
-def step_calls(ffi: Any, lib: Any, outside: Any) -> tuple[Call, Call]:  # noqa: ANN401 - cffi
-    """Gives the functions that answer for the agent and for the plant; they need `outside` alive.
+def direct_calls(ffi: Any, lib: Any, outside: Any) -> tuple[Call, Call]:  # noqa: ANN401 - cffi
+    """The functions that answer for the agent and for the plant; they need `outside` alive.
 
     Each takes an array with one axis, of float32 or float64, and gives the index of the due
     component, or a negative number of `soter_gym.h`: NO_NUMBERS for anything else, which has no
     effect.
     """
     if sys.implementation.name != "cpython":
-        return read_no_array, read_no_array
+        return refuse_array, refuse_array
     calls = {
         name: ffi.cast("void *", ctypes.cast(getattr(ctypes.pythonapi, f), ctypes.c_void_p).value)
         for name, f in NEEDED.items()
@@ -108,8 +108,8 @@ def step_calls(ffi: Any, lib: Any, outside: Any) -> tuple[Call, Call]:  # noqa: 
     return act, move
 
 
-def read_no_array(_: object) -> int:
-    """Stands for C where it cannot read arrays of Python, and reads none."""
+def refuse_array(_: object) -> int:
+    """Answers NO_NUMBERS in place of C, where C cannot read arrays of Python."""
     return NO_NUMBERS
 
 
@@ -144,9 +144,9 @@ class Session:
         self.plant = self.system.components[roles.plant]
         self.agent = self.system.components[roles.agent]
         silent = {c.name: refuse_call for c in (self.plant, self.agent)}
-        bindings = bind_again(made.bindings, {**bound, **silent})
-        self._bound = callables(bindings, "native", StopRequest())
-        self.alone = self._bound.keys() == silent.keys()
+        bindings = bind_objects(made.bindings, {**bound, **silent})
+        self._bound = load_callables(bindings, "native", StopRequest())
+        self.is_compiled = self._bound.keys() == silent.keys()
         """Whether no other extern is answered by Python."""
         self._outside = (roles.plant, roles.agent)
         self.state: Bytes = np.zeros(self.layout.size, dtype=np.uint8)
@@ -177,8 +177,8 @@ class Session:
         for name in ("action", "command"):
             setattr(o, name, ffi.cast("double *", getattr(self, name).ctypes.data))
         o.states = ffi.cast("double *", self.moved.ctypes.data)
-        self.act_directly, self.move_directly = step_calls(ffi, lib, o)
-        """Answer with an array, if C reads it (`step_calls`): where no other extern is due."""
+        self.act_directly, self.move_directly = direct_calls(ffi, lib, o)
+        """Answer with an array, if C reads it (`direct_calls`): where no other extern is due."""
 
     def _reset_state(self, seed: int) -> None:
         self._answers = ExternAnswers(self.system, self.layout, self.compiled.library, self._bound)
@@ -190,7 +190,7 @@ class Session:
     def reset(self, seed: int, states: Sequence[Value]) -> None:
         """Starts a run; the plant publishes `states` at its first release."""
         self.start(seed)
-        self.place_values(states)
+        self.start_at_values(states)
 
     def start(self, seed: int) -> None:
         """Starts a run, with the plant's states as the program has them."""
@@ -198,37 +198,37 @@ class Session:
             reset_extern(name, extern, seed)
         self._reset_state(seed)
 
-    def place_numbers(self) -> bool:
-        """Sets the plant's first states to `moved`; False where these are no values of them."""
+    def start_at_numbers(self) -> bool:
+        """Sets the plant's first states to `moved`; False if these are no values of the states."""
         return int(self._lib.soter_outside_place(self.outside)) == 0
 
     def run_until_due(self) -> int:
         """Runs until the plant or the agent has to answer, and gives its index."""
         return self._run_past_externs(self._go(self.outside))
 
-    def act_numbers(self) -> int:
+    def act_with_numbers(self) -> int:
         """Answers for the agent with `action`, and runs until the next answer is due."""
         return self._run_past_externs(self._lib.soter_outside_act(self.outside))
 
-    def move_numbers(self) -> int:
-        """Answers for the plant with `moved`, and runs on; NO_STATES where these are none of it."""
+    def move_to_numbers(self) -> int:
+        """Answers for the plant with `moved`, and runs on; NO_STATES if these are no states."""
         due: int = self._lib.soter_outside_move(self.outside)
         return due if due < 0 else self._run_past_externs(due)
 
     def _run_past_externs(self, due: int) -> int:
         while due not in self._outside:
-            self._answers.answer(self.state, due)
+            self._answers.answer_step(self.state, due)
             due = self._go(self.outside)
         return due
 
     def rounded_command(self) -> npt.NDArray[np.float32]:
-        """Gives an array (n,) that from now on has `command` in single precision."""
+        """The array (n,) in which C, from now on, also writes `command` in single precision."""
         self._rounded = np.zeros(len(self.command), dtype=np.float32)
         self.outside.single = self.compiled.ffi.cast("float *", self._rounded.ctypes.data)
         return self._rounded
 
     def attach_model(self, model: SessionPlant) -> None:
-        """Lets a model judge every `move_numbers`, and each `judge_move`."""
+        """Lets a model judge every `move_to_numbers`, and each `judge_move`."""
         self._model = model
         self.outside.model = model.pointer
 
@@ -236,14 +236,14 @@ class Session:
         """Lets the model judge a step of the plant, which is due, to the states `moved`."""
         self._lib.soter_outside_judge(self.outside)
 
-    def component_that_is_due(self) -> Component:
+    def run_to_due_component(self) -> Component:
         """Runs until the plant or the agent has to answer, and gives that component."""
         while True:
-            status, _, due = self.compiled.library.run(self.state, FAR_NS)
+            status, _, due = self.compiled.library.run_until(self.state, FAR_NS)
             assert status is RunStatus.EXTERN
             if due in self._outside:
                 return self.system.components[due]
-            self._answers.answer(self.state, due)
+            self._answers.answer_step(self.state, due)
 
     def move_to_values(self, states: Sequence[Value]) -> None:
         """Answers for the plant with values of its states."""
@@ -257,7 +257,9 @@ class Session:
         self._give_agent_answer(self.state, values)
         seen.gate_fault = int(facts["gate_faults"]) > faults
         seen.moved = (
-            bool(seen.taken_by) and not seen.gate_fault and self._was_moved(self.state, values)
+            bool(seen.taken_by)
+            and not seen.gate_fault
+            and self._has_shield_moved(self.state, values)
         )
         seen.cause = seen.next_cause or int(seen.gate_fault) or TOWARD_SC * int(seen.moved)
         seen.off_model = 0
@@ -275,17 +277,17 @@ class Session:
         faults = int(record["modules"][self.module.index]["gate_faults"])
         self._give_agent_answer(copy, values)
         refused = int(record["modules"][self.module.index]["gate_faults"]) > faults
-        return not refused and not self._was_moved(copy, values)
+        return not refused and not self._has_shield_moved(copy, values)
 
     def _give_agent_answer(self, state: Bytes, values: Sequence[Value | None] | None) -> None:
         """Gives the agent's answer to C, on this state; None for `values` is a step fault."""
         if values is None:
             answer = (int(FaultKind.EXTERN), None)
-            self.compiled.library.answer(state, self.agent.index, *answer)
+            self.compiled.library.answer_extern(state, self.agent.index, *answer)
         else:
             self._give_answer(state, self.agent, self._answer_members(values))
 
-    def _was_moved(self, state: Bytes, values: Sequence[Value | None] | None) -> bool:
+    def _has_shield_moved(self, state: Bytes, values: Sequence[Value | None] | None) -> bool:
         """Whether the shield moved the values that the agent has just published."""
         shield = self.module.shield
         if shield is None or shield.proposed is None or values is None or None in values:
@@ -305,9 +307,9 @@ class Session:
 
     def _give_answer(self, state: Bytes, component: Component, values: Mapping[str, Value]) -> None:
         answer = image_of_members(self.compiled.answers[component.index], values)
-        self.compiled.library.answer(state, component.index, 0, answer)
+        self.compiled.library.answer_extern(state, component.index, 0, answer)
 
-    def place_values(self, states: Sequence[Value]) -> None:
+    def start_at_values(self, states: Sequence[Value]) -> None:
         """Sets the plant's first states to values."""
         raw = bytearray(self.state.tobytes())
         for i, value in enumerate(states):
@@ -382,17 +384,17 @@ def one_world_environment(
     """Compiles a system whose agent and plant a caller answers for; SoterError U001."""
     errors = measured if isinstance(measured, bool) else tuple(sorted(measured))
 
-    def make() -> CompiledEnvironment:
+    def make_environment() -> CompiledEnvironment:
         flat = program.declared(system, params)
         flat_module, body = chosen_module(flat, module), chosen_plant(flat, plant)
         outside = (flat_module.ac, body.index)
         remove_idle_check(flat_module)
-        notes = compute_ttf(flat, bound=bound_inside(flat, outside, program.bound))
+        notes = compute_ttf(flat, bound=bindings_inside(flat, outside, program.bound))
         flat = system_with_errors(flat, body, errors)
-        flat = answered_outside(flat, outside)
+        flat = with_unbound_externs(flat, outside)
         return CompiledEnvironment(
             flat, Roles(flat_module.ac, flat_module.index, body.index), program.bound, notes=notes
         )
 
     key = ("outside", system, module, plant, repr(sorted((params or {}).items())), errors)
-    return kept_build(program, key, make)
+    return kept_build(program, key, make_environment)

@@ -1,4 +1,4 @@
-"""Thousands of worlds of a program with a module in front, stepped in one call.
+"""Steps thousands of worlds of a program, with a module in front, in one call.
 
 Purpose: in a `ProtectedVector` (`make_vec`) the plant of the program is the environment, and the
 agent answers for the advanced controller of all worlds with one array (docs/gym.md).
@@ -22,18 +22,18 @@ from soter.gym import array_mapping
 from soter.gym.compiled_system import (
     CompiledEnvironment,
     Roles,
-    bound_inside,
+    bindings_inside,
     kept_build,
     remove_idle_check,
 )
 from soter.gym.environment_choices import (
     chosen_module,
     observed_parts,
-    require_compiled,
+    require_no_shared_extern,
     wrong_choice,
 )
 from soter.gym.safety_warnings import warn_of_no_control
-from soter.language.elaborate.derived_systems import answered_outside
+from soter.language.elaborate.derived_systems import with_unbound_externs
 from soter.simulate.run_options import seed_value
 
 if TYPE_CHECKING:
@@ -95,12 +95,11 @@ class BatchedStates:
         w.room = self._pointer(self._room, "uint8_t *")
 
     def _pointer(self, array: Array, type_: str) -> Any:  # noqa: ANN401 - cdata
-        """The address of an array (n,) or (n, m), as a C pointer of this type."""
         return self.compiled.ffi.cast(type_, array.ctypes.data)
 
     @property
     def observations(self) -> Array:
-        """What the worlds showed last, (count, numbers)."""
+        """The last observations of the worlds, (count, numbers)."""
         return self._both[self._turn]
 
     def begin_episodes(self, which: Array) -> None:
@@ -112,7 +111,7 @@ class BatchedStates:
         self.begun = True
 
     def step(self, actions: Array, begin: Array) -> Array:
-        """Steps with `actions`, or begins where `begin` (count,); gives (count, numbers) before."""
+        """Steps worlds, or begins those of `begin` (count,); gives the old observations, (n, m)."""
         before = self.observations
         self._turn = 1 - self._turn
         self._begin[:] = begin
@@ -140,20 +139,20 @@ def many_worlds_environment(
 ) -> CompiledEnvironment:
     """Compiles a system whose agent alone a caller answers for; SoterError U001, U003."""
 
-    def make() -> CompiledEnvironment:
+    def make_environment() -> CompiledEnvironment:
         flat = program.declared(system, params)
         flat_module = chosen_module(flat, module)
         remove_idle_check(flat_module)
-        notes = compute_ttf(flat, bound=bound_inside(flat, (flat_module.ac,), program.bound))
+        notes = compute_ttf(flat, bound=bindings_inside(flat, (flat_module.ac,), program.bound))
         seen = observed_parts(flat, flat.components[flat_module.ac], observe)
-        flat = answered_outside(flat, (flat_module.ac,))
-        require_compiled(flat, flat_module.ac)
+        flat = with_unbound_externs(flat, (flat_module.ac,))
+        require_no_shared_extern(flat, flat_module.ac)
         return CompiledEnvironment(
             flat, Roles(flat_module.ac, flat_module.index), program.bound, seen, notes
         )
 
     key = ("vector", system, module, repr(sorted((params or {}).items())), observe)
-    return kept_build(program, key, make)
+    return kept_build(program, key, make_environment)
 
 
 CAUSES = ("", "gate", "stale", "ttf", "recovering", "forced", "toward sc")
@@ -232,7 +231,7 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._dtype = np.dtype(dtype)
         self._over = np.ones(num_envs, dtype=bool)
-        self._seen = np.zeros(num_envs, dtype=np.uint32)
+        self._violations_before = np.zeros(num_envs, dtype=np.uint32)
         self._cost = np.zeros(num_envs)
 
     # ------------------------------------------------------------ Gymnasium
@@ -258,7 +257,7 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
             raise wrong_choice("no world has begun an episode yet", "reset all of them first")
         worlds.begin_episodes(mask)
         self._over[mask] = False
-        self._seen[mask] = worlds.facts["violations"][mask]
+        self._violations_before[mask] = worlds.facts["violations"][mask]
         self._cost = np.zeros(self.num_envs)
         return self._shown_observations(), self._step_info()
 
@@ -279,9 +278,9 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
             )
         asked = self._action_rows(self._chosen_rows(actions), self.num_envs)
         before = worlds.step(asked, again)
-        self._seen[again] = worlds.facts["violations"][again]
-        self._cost = (worlds.facts["violations"] - self._seen).astype(np.float64)
-        rewards, ended, cut = self._judged_step(before)
+        self._violations_before[again] = worlds.facts["violations"][again]
+        self._cost = (worlds.facts["violations"] - self._violations_before).astype(np.float64)
+        rewards, ended, cut = self._rewards_and_ends(before)
         if again.any():
             rewards[again] = 0.0
             ended[again] = cut[again] = False
@@ -296,7 +295,7 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
             }
             worlds.begin_episodes(self._over)
             self._over = np.zeros(self.num_envs, dtype=bool)
-        self._seen[:] = worlds.facts["violations"]
+        self._violations_before[:] = worlds.facts["violations"]
         return self._shown_observations(), rewards, ended, cut, {**self._step_info(asked), **info}
 
     # ------------------------------------------------------------ arrays
@@ -328,11 +327,11 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
         if choices is None:
             choices = int(space.start) + np.arange(int(space.n), dtype=np.float64)[:, None]
         masks = self.worlds.publishable_masks(choices)
-        masks[self._over] = False  # nobody is asked
+        masks[self._over] = False  # their agents have nothing to answer
         return masks
 
     def _chosen_rows(self, actions: Any) -> Any:  # noqa: ANN401 - NumPy, torch, lists
-        """The rows of `actions=` with these numbers; the actions themselves without `actions=`."""
+        """The rows of `actions=` with these indices; without `actions=`, the actions themselves."""
         if self._choices is None:
             return actions
         rows = np.asarray(actions)
@@ -343,7 +342,7 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
         return self._choices[rows]
 
     def _action_rows(self, actions: Any, count: int | None) -> Array:  # noqa: ANN401 - NumPy, torch, lists
-        """Gives actions as doubles, (count, numbers); any count of them if it is None."""
+        """The actions as doubles, (count, numbers); with `count` None, any number of rows."""
         array = actions.detach().cpu() if hasattr(actions, "detach") else actions
         rows = array_mapping.array_of_doubles(array, "an array of actions")
         needed = self.worlds.action_numbers
@@ -365,18 +364,18 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
             return observations.astype(self._dtype)
         return observations.copy() if self._copy or keep else observations
 
-    def _judged_step(self, before: Array) -> tuple[Array, Array, Array]:
+    def _rewards_and_ends(self, before: Array) -> tuple[Array, Array, Array]:
         """Rewards, terminations and truncations, (num_envs,), of a step from `before` (n, m)."""
         worlds, n = self.worlds, self.num_envs
         facts, seen = worlds.facts, (before, worlds.applied, worlds.observations)
         rewards = (
             np.zeros(n)
             if self._reward is None
-            else _number_a_world(self._reward(*seen), n, "reward")
+            else _column_of_worlds(self._reward(*seen), n, "reward")
         )
         ended = np.zeros(n, dtype=bool)
         if self._terminate is not None:
-            ended = _number_a_world(self._terminate(*seen), n, "terminate").astype(bool)
+            ended = _column_of_worlds(self._terminate(*seen), n, "terminate").astype(bool)
         cut = np.zeros(n, dtype=bool)
         if self._max_steps:
             cut = facts["steps"] >= self._max_steps
@@ -412,7 +411,7 @@ def _checked_autoreset(
     autoreset: AutoresetMode | str,
     dtype: Any,  # noqa: ANN401 - whatever NumPy takes
 ) -> AutoresetMode:
-    """Gives the autoreset mode that was named; SoterError U001 where a choice is wrong."""
+    """The chosen autoreset mode; SoterError U001 where any of these choices is wrong."""
     if isinstance(num_envs, bool) or not isinstance(num_envs, int) or num_envs < 1:
         raise wrong_choice(f"there cannot be {num_envs!r} worlds", "num_envs is 1 or more")
     if on_violation not in ENDS:
@@ -448,8 +447,8 @@ def _reset_mask(options: dict[str, Any] | None, count: int) -> npt.NDArray[np.bo
     return mask
 
 
-def _number_a_world(values: Any, count: int, name: str) -> Array:  # noqa: ANN401 - what a function gave
-    """What a user's function gave: one number a world, (count,); SoterError U001."""
+def _column_of_worlds(values: Any, count: int, name: str) -> Array:  # noqa: ANN401 - what a function gave
+    """The result of the user's function `name`, one number a world, (count,); SoterError U001."""
     column = np.asarray(values)
     if column.shape != (count,):
         raise wrong_choice(f"`{name}` gave the shape {column.shape}, not {(count,)}")

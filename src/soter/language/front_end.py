@@ -1,4 +1,4 @@
-"""Checks a program from its file to its flat systems: all that needs no run, in one call.
+"""Checks a program from its file to its flat systems: all checks that need no run.
 
 Purpose: `check_file` loads and checks a program, elaborates every system and checks
 well-formedness, as `soter check` does. It orders diagnostics as the text is, merges repeated ones,
@@ -26,7 +26,7 @@ from soter.language.elaborate.wellformed import (
     check_module_declaration,
     check_periods,
 )
-from soter.language.load.loader import FROM_DISK, is_program, load
+from soter.language.load.loader import FROM_DISK, begins_as_program, load
 from soter.language.model.typed import InstanceSymbol, ModuleSymbol, SystemSymbol
 
 if TYPE_CHECKING:
@@ -44,8 +44,8 @@ HUSHED = {
     "W022", "W023", "W024", "W025", "W026", "W027", "W028", "W030", "W032", "W033",
     "W034", "W035", "W036",
 }  # fmt: skip
-"""Warnings that something is missing or hardly meant; they are left out beside errors, which may
-be their cause."""
+"""Warnings that something is missing or unlikely; they are left out beside errors, which may be
+their cause."""
 MERGED = {"N001", "N004", "N006", "M009", "M010"}
 """Codes for missing names: one mistake, wherever the name is used."""
 ONCE = {"M003", "M004", "M005", "M013"}
@@ -54,24 +54,24 @@ PLACES_MAX = 5
 
 
 def ordered_for_readers(diagnostics: Diagnostics, sources: Sequence[Source]) -> Diagnostics:
-    """Gives diagnostics by file, then by place, errors first, without repeated ones."""
+    """Gives diagnostics ordered by file, then place, then severity, without repeated ones."""
     files = {id(source): i for i, source in enumerate(sources)}
 
-    def place(d: Diagnostic) -> tuple[int, int, bool]:
+    def rank(d: Diagnostic) -> tuple[int, int, bool]:
         if d.primary is None:
             return (len(sources) if d.code == "S021" else -1), -1, False
         span = d.primary.span
         return files.get(id(span.source), -1), span.start, d.severity is not Severity.ERROR
 
     ordered = Diagnostics()
-    for d in _with_merged_messages(_without_repetitions(sorted(diagnostics.items, key=place))):
+    for d in _with_merged_messages(_without_repetitions(sorted(diagnostics.items, key=rank))):
         if d.severity is Severity.ERROR or not diagnostics.has_errors or d.code not in HUSHED:
             ordered.add(d)
     return ordered
 
 
 def _without_repetitions(items: Sequence[Diagnostic]) -> list[Diagnostic]:
-    """Keeps, of equal mistakes at one place, the diagnostic with the shortest message."""
+    """Gives one diagnostic, that with the shortest message, for equal mistakes at one place."""
     kept: dict[object, Diagnostic] = {}
     for number, d in enumerate(items):
         key: object = number
@@ -92,10 +92,10 @@ def _with_merged_messages(items: Sequence[Diagnostic]) -> list[Diagnostic]:
         if d.code in MERGED and d.primary is not None:
             key = d.code, d.message, id(d.primary.span.source)
         groups.setdefault(key, []).append(d)
-    return [_merge_group(group) for group in groups.values()]
+    return [_merged_diagnostic(group) for group in groups.values()]
 
 
-def _merge_group(group: list[Diagnostic]) -> Diagnostic:
+def _merged_diagnostic(group: list[Diagnostic]) -> Diagnostic:
     first, rest = group[0], group[1:]
     if not rest:
         return first
@@ -108,7 +108,7 @@ def _merge_group(group: list[Diagnostic]) -> Diagnostic:
 
 
 def _combined_fix(fix: Fix, group: list[Diagnostic]) -> Fix:
-    """Gives a fix with the edits of all fixes of the same title in `group`, each once."""
+    """Gives a fix with the edits of all fixes in `group` that have its title, each once."""
     edits = [e for d in group for f in d.fixes if f.title == fix.title for e in f.edits]
     return Fix(fix.title, tuple(dict.fromkeys(edits)))
 
@@ -139,9 +139,9 @@ class CheckResult:
         return self.program is not None and not self.diagnostics.has_errors
 
     @property
-    def begins(self) -> bool:
+    def begins_as_program(self) -> bool:
         """Whether the file begins as a program, so that messages may quote it."""
-        return self.loaded is None or is_program(self.loaded.main.source.text)
+        return self.loaded is None or begins_as_program(self.loaded.main.source.text)
 
     def default_system(self) -> SystemSymbol | None:
         """Gives the only system, or the one marked `default`; None if there is neither."""
@@ -175,7 +175,7 @@ def check_file(
     try:
         return _check_file(path, text, overrides or {}, diagnostics, reading)
     finally:
-        diagnostics.tell = lambda _: None  # once the check is over, nobody is told
+        diagnostics.tell = lambda _: None  # no progress is reported after the check
         if collecting:
             gc.enable()
 
@@ -197,7 +197,7 @@ def _check_file(
         everything = implicit_system(program)
         systems = {everything.name: everything} if everything else {}
     _check_one_default(systems, diagnostics)
-    controllers = {n for m in program.modules.values() for n in m.named}
+    controllers = {n for m in program.modules.values() for n in m.named_nodes}
     others = [n for n in program.nodes.values() if n not in controllers]
     for module in program.modules.values():
         check_module_declaration(module, diagnostics, program.damaged, others)
@@ -217,7 +217,7 @@ def _flatten_all(
     *,
     draft: bool,
 ) -> dict[str, System]:
-    """Gives the flat systems without errors; reports M007 if they are too large together."""
+    """Gives name -> flat system, for those without errors; M007 if all are too large together."""
     components, flat_by_name = 0, {}
     for name, system in systems.items():
         flat = _flatten_and_check(program, system, overrides, diagnostics, draft=draft)
@@ -273,7 +273,7 @@ def _deployed_system(
 def _check_unplaced(
     program: TypedProgram, systems: Mapping[str, SystemSymbol], diagnostics: Diagnostics
 ) -> None:
-    """Checks numbers of declarations of the main file in no system, under default parameters."""
+    """Checks numbers of declarations of the main file that no system has, by default parameters."""
     placed = _placed_symbols([*systems.values(), *(t.system for t in program.tests.values())])
     instances = tuple(
         InstanceSymbol(s.name, s, {}, {}, s.span) for s in _unplaced_symbols(program, placed)
@@ -290,7 +290,7 @@ def _check_unplaced(
 
 
 def _placed_symbols(systems: list[SystemSymbol]) -> set[object]:
-    """Gives the systems, and the plants, modules and nodes that they contain."""
+    """Gives the systems, and all plants, modules and nodes that are in them."""
     placed: set[object] = set()
     todo: list[object] = [*systems]
     while todo:
@@ -302,7 +302,7 @@ def _placed_symbols(systems: list[SystemSymbol]) -> set[object]:
             todo += [i.what for i in symbol.instances]
             todo += [by for _, by, _ in symbol.replaces]
         elif isinstance(symbol, ModuleSymbol):
-            todo += symbol.named
+            todo += symbol.named_nodes
     return placed
 
 
@@ -316,7 +316,7 @@ def _unplaced_symbols(
         for n, s in table.items()
         if "." not in n and s not in placed
     ]
-    used = {n for s in rest if isinstance(s, ModuleSymbol) for n in s.named}
+    used = {n for s in rest if isinstance(s, ModuleSymbol) for n in s.named_nodes}
     return (s for s in rest if s not in used)
 
 
@@ -354,7 +354,7 @@ def system_of(
         _report_no_system(checked, name, diagnostics)
         raise SoterError(diagnostics.items)
     flat = _flatten_and_check(checked.program, symbol, overrides or {}, diagnostics, lints=False)
-    return _without_errors(checked.program, symbol, flat, overrides if exact else None, diagnostics)
+    return _sound_system(checked.program, symbol, flat, overrides if exact else None, diagnostics)
 
 
 def system_to_prove(
@@ -364,7 +364,7 @@ def system_to_prove(
     *,
     exact: bool = True,
 ) -> System:
-    """Gives the system of `system_of` for proofs: no outputs are held, and there are no faults."""
+    """Gives the system of `system_of` for proofs: without held outputs and without faults."""
     return faultless(without_held_topics(system_of(checked, name, overrides, exact=exact)))
 
 
@@ -386,22 +386,19 @@ def system_of_test(
         diagnostics.error("U010", f"there is no test `{name}`", notes=(f"there are: {known}",))
         raise SoterError(diagnostics.items)
     flat = elaborate_test(checked.program, test, overrides or {}, diagnostics)
-    return _without_errors(
+    return _sound_system(
         checked.program, test.system, flat, overrides if exact else None, diagnostics
     )
 
 
-def _without_errors(
+def _sound_system(
     program: TypedProgram,
     system: SystemSymbol,
     flat: System | None,
     overrides: Mapping[str, Value] | None,
     diagnostics: Diagnostics,
 ) -> System:
-    """Gives the flat system; SoterError after errors, U004 among them.
-
-    U004 is for `overrides` that name a parameter of an instance which the system does not have.
-    """
+    """Gives `flat`; SoterError if it has errors, or no instance that an override names (U004)."""
     for name in overrides or {}:
         if not has_param(program, [system], name):
             diagnostics.error("U004", f"system `{system.name}` has no instance of `{name}`")

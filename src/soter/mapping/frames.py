@@ -2,7 +2,7 @@
 
 Purpose: `turn_between`: which component becomes which, and its sign, between north-east-down and
 east-north-up of the world, and between forward-right-down and forward-left-up of a body (REP 103).
-`known_frame` says which frame names and units tell.
+`likely_frame` finds the frame of a vector by names and units.
 Non-goals: turning quaternions and covariances; transforms between places.
 """
 
@@ -23,7 +23,7 @@ FRAMES = (*WORLD, *BODY)
 BODY_OF = {"ENU": "FLU", "NED": "FRD"}
 """The frame of a body that goes with one of the world."""
 Turn = tuple[tuple[int, float], tuple[int, float], tuple[int, float]]
-"""For each axis: which component of the other frame it is, and its sign."""
+"""For each axis the index of the component of the other frame, and the sign to multiply by."""
 SAME: Turn = ((0, 1.0), (1, 1.0), (2, 1.0))
 _WORLD_TURN: Turn = ((1, 1.0), (0, 1.0), (2, -1.0))
 _BODY_TURN: Turn = ((0, 1.0), (1, -1.0), (2, -1.0))
@@ -40,12 +40,12 @@ DOWN = re.compile(r"(?i)(?<![a-z])(down|[pv]d)(?![a-z])")
 """What MAVLink, PX4 and people call what points north, east, down, or front, right, down."""
 
 
-def known_frame(message: MessageType | None, fields: Sequence[str], called: Sequence[str]) -> str:
-    """The frame of a vector, by REP 103 or as a name says; "" where neither does, or on a globe."""
+def likely_frame(message: MessageType | None, fields: Sequence[str], labels: Sequence[str]) -> str:
+    """The likely frame of a vector, by names and units; "" if unknown or in latitude, longitude."""
     units = [message and standard_unit(message, name) for name in fields]
     if {"deg", "degE7"} & {*units} or any(re.match("(?i)lat|lon", name) for name in fields):
         return ""
-    names = (*fields, *called, *(() if message is None else (message.ros1,)))
+    names = (*fields, *labels, *(() if message is None else (message.ros1,)))
     if any(map(FRD.search, names)):
         return "FRD"
     first, _, third = map(str.lower, fields)

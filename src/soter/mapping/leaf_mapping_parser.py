@@ -1,9 +1,9 @@
-"""Reads where the leaves of a topic come from, as a mapping says.
+"""Reads from a mapping where the values of a topic's leaves come from.
 
-Purpose: a `LeafReader` makes a source of each leaf. Vectors, frames and units end here: it makes a
-name, a scale and an offset of them. `{ nearest = "distance", most = 0.45, unseen = 2 }` is a leaf
-that is what is nearest in a scan, the one reduction of a mapping, because no topic can hold what a
-LaserScan is: rays in any number, of which NaN, infinity and 0 each mean something.
+Purpose: a `LeafReader` makes a source for each leaf. It turns vectors, frames and units into a
+name, a scale and an offset. `{ nearest = "distance", most = 0.45, unseen = 2 }` is a leaf with the
+distance of the nearest thing in a scan. It is the one reduction of a mapping: no topic can hold a
+LaserScan, which has any number of rays, and gives NaN, infinity and 0 a meaning each.
 Non-goals: the messages of the topic (`topic_mapping_parser.py`); the reduction itself
 (`runtime/bridge/soter_scan.hpp`).
 """
@@ -28,7 +28,7 @@ from soter.mapping.frames import SAME
 from soter.mapping.mapping_errors import is_number, unknown_name
 from soter.mapping.message_types import INTEGERS, NUMBERS, NoSuchFieldError
 from soter.mapping.topic_mapping import ConstantSource, NearestSource, SignalSource, SlopeSource
-from soter.mapping.units import DIMENSIONS, RATES, UNITS, cycle, factor_between, standard_unit
+from soter.mapping.units import DIMENSIONS, RATES, UNITS, factor_between, full_turn, standard_unit
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -54,8 +54,8 @@ def nearest_source(
     message: MessageType | None,
     problems: MappingProblems,
 ) -> NearestSource | None:
-    """Gives the source of the leaf `name`; None after a note of what is wrong."""
-    before = len(problems.told)
+    """Gives the source of a leaf with `nearest`; None if the row is wrong, which it notes."""
+    before = len(problems.mistakes)
     problems.note_unknown_keys(row, NEAREST_KEYS, f"`{name}`")
     kind, most, unseen = row["nearest"], row.get("most", 0), row.get("unseen", 0)
     if kind not in ("distance", "bearing"):
@@ -70,7 +70,7 @@ def nearest_source(
         problems.add(f"`{name}` is `{t}`, and what is nearest in a scan a float")
     if message is None or message.ros1 != SCAN:
         problems.add(f"`{name}` is what is nearest in a scan, so its `type` is {SCAN}")
-    if len(problems.told) > before:
+    if len(problems.mistakes) > before:
         return None
     return NearestSource(kind, float(most), unseen)
 
@@ -80,9 +80,9 @@ VECTOR_KEYS = ("from", "scale", "unit")
 VALUE = "value"
 """The key of the one field of a topic without fields."""
 SCALE_MIN = 1e-60
-"""A number scaled by less, or by more than one over it, may come out as 0 or as infinity."""
+"""The least scale; 1 / SCALE_MIN is the greatest. Beyond them results may be 0 or infinite."""
 SMALL = ("bool", "byte", "char", "int8", "uint8")
-"""Types of fields in which messages hold truths."""
+"""Types of fields in which messages hold Booleans."""
 
 
 def _is_list_of_three_names(value: object) -> TypeGuard[list[str]]:
@@ -90,7 +90,7 @@ def _is_list_of_three_names(value: object) -> TypeGuard[list[str]]:
 
 
 class LeafReader:
-    """Reads the `fields` of a topic; `turn`: into the program's frame; `vectors`: their names."""
+    """Reads `fields` of a topic. `turn`: into the program's frame; `vectors`: their field names."""
 
     def __init__(
         self,
@@ -106,7 +106,7 @@ class LeafReader:
         self.keys = {".".join(path) or VALUE: path for path in self.types}
         self.prefixes = _leaves_by_name(self.types, self.keys)
 
-    def read(self, table: Mapping[str, Any]) -> dict[LeafPath, Leaf]:
+    def read_leaves(self, table: Mapping[str, Any]) -> dict[LeafPath, Leaf]:
         """Gives the source of each leaf, in declared order."""
         name = self.topic.name
         if any("[]" in path for path in self.types) or isinstance(self.topic.type, ListType):
@@ -121,15 +121,15 @@ class LeafReader:
                 given_paths.add(path)
                 if leaf is not None:
                     leaf_by_path[path] = leaf
-        left = [f"`{key}`" for key, path in self.keys.items() if path not in given_paths]
-        if left:
-            names = ", ".join(left)
+        missing_keys = [f"`{key}`" for key, path in self.keys.items() if path not in given_paths]
+        if missing_keys:
+            names = ", ".join(missing_keys)
             self.problems.add(f"`{name}` is to be given whole, or not at all: {names} missing")
         self._check_slopes(leaf_by_path)
         return {path: leaf_by_path[path] for path in self.types if path in leaf_by_path}
 
     def _row_leaves(self, key: str, row: object) -> dict[LeafPath, Leaf | None]:
-        """Gives leaf -> source for a row; None for a source that is wrong."""
+        """Gives the source of each leaf that a row fills; None for a source that is wrong."""
         if key in self.keys:
             path = self.keys[key]
             return {path: self._leaf_source(f"{self.topic.name}.{key}", self.types[path], row)}
@@ -197,7 +197,7 @@ class LeafReader:
 
     def _slope_source(self, name: str, row: Mapping[str, Any]) -> Leaf | None:
         measured = self.keys.get(str(row["slope"]))
-        window = self.problems.duration(row, "window", name)
+        window = self.problems.positive_ns(row, "window", name)
         if measured is None:
             self.problems.add(f"`{name}` is the slope of `{row['slope']}`, no field of it")
             return None
@@ -215,28 +215,28 @@ class LeafReader:
         return ConstantSource(value)
 
     def _signal_source(self, name: str, t: Type, row: Mapping[str, Any]) -> SignalSource | None:
-        problems, before = self.problems, len(self.problems.told)
+        problems, before = self.problems, len(self.problems.mistakes)
         field = row["from"]
-        unit = self._check_row(name, t, row)
-        if len(problems.told) > before:
+        unit = self._checked_unit(name, t, row)
+        if len(problems.mistakes) > before:
             return None
         standard = self._field_unit(name, t, field)
         if standard not in UNITS and unit is not None and "scale" in row:
-            standard = None  # the mapping says how it is turned
-        factor = self._factor(name, t, field, unit, standard)
+            standard = None  # the mapping gives the factor itself
+        factor = self._unit_factor(name, t, field, unit, standard)
         scale = float(row.get("scale", 1)) * factor
         if not SCALE_MIN <= abs(scale) <= 1.0 / SCALE_MIN:
             problems.add(f"`scale` of `{name}`, times its unit, is {scale!r}, which nobody means")
-        if len(problems.told) > before:
+        if len(problems.mistakes) > before:
             return None
         says_unit = unit is not None or standard is not None or "scale" in row
         assumed = t.unit if isinstance(t, (FloatType, IntType)) and not says_unit else ""
-        turn = cycle(unit or standard, t.unit) if isinstance(t, FloatType) else math.inf
+        turn = full_turn(unit or standard, t.unit) if isinstance(t, FloatType) else math.inf
         turn *= abs(float(row.get("scale", 1))) if unit or standard else 1.0
         return SignalSource(field, scale, float(row.get("offset", 0)), assumed, turn)
 
-    def _check_row(self, name: str, t: Type, row: Mapping[str, Any]) -> str | None:
-        """Gives the unit of a row, and notes what is wrong in the row."""
+    def _checked_unit(self, name: str, t: Type, row: Mapping[str, Any]) -> str | None:
+        """Gives the unit in a row, None if it has none; notes each mistake in the row."""
         problems, unit = self.problems, row.get("unit")
         if unit is not None and (not isinstance(unit, str) or unit not in UNITS):
             problems.add(f"`{name}` is in `{unit}`: there are {', '.join(UNITS)}")
@@ -254,11 +254,11 @@ class LeafReader:
         return unit
 
     def _field_unit(self, name: str, t: Type, field: str) -> str | None:
-        """Gives the standard unit of a field; notes a field that is missing, or of a wrong kind."""
+        """Gives the standard unit of a field, None without one; notes a missing or unfit field."""
         if self.message is None:
             return None
         try:
-            kind = self.message.leaf(field)
+            kind = self.message.primitive_type(field)
         except NoSuchFieldError as error:
             self.problems.add(f"`{name}`: {error}")
             return None
@@ -268,10 +268,10 @@ class LeafReader:
             return None
         return standard_unit(self.message, field)
 
-    def _factor(
+    def _unit_factor(
         self, name: str, t: Type, field: str, unit: str | None, standard: str | None
     ) -> float:
-        """Gives the factor from the field's unit to the program's; 1 if neither has one."""
+        """Gives the factor from the field's unit to the program's; 1 if one is missing or wrong."""
         if unit is not None and standard is not None and unit != standard:
             assert self.message is not None
             text = f"`{field}` of {self.message.ros1} is in `{standard}`"
@@ -296,15 +296,16 @@ class LeafReader:
         for path, leaf in leaf_by_path.items():
             if not isinstance(leaf, SlopeSource):
                 continue
-            of, name = ".".join((self.topic.name, *leaf.of)), ".".join((self.topic.name, *path))
+            measured = ".".join((self.topic.name, *leaf.of))
+            name = ".".join((self.topic.name, *path))
             if not isinstance(leaf_by_path.get(leaf.of, SignalSource("")), SignalSource):
-                self.problems.add(f"`{name}` is a slope of `{of}`, which no column gives")
+                self.problems.add(f"`{name}` is a slope of `{measured}`, which no column gives")
                 continue
             rate, base = _unit_of(self.types[path]), _unit_of(self.types[leaf.of])
             if rate not in UNITS or base not in UNITS:
                 continue
             if RATES.get(DIMENSIONS[base]) != DIMENSIONS[rate] or UNITS[base] != UNITS[rate]:
-                self.problems.add(f"`{name}` is in `{rate}`, no slope of `{of}`, in `{base}`")
+                self.problems.add(f"`{name}` is in `{rate}`, no slope of `{measured}`, in `{base}`")
 
 
 def _unit_of(t: Type) -> str:
@@ -320,7 +321,7 @@ def _unit_text(unit: str) -> str:
 def _leaves_by_name(
     types: Mapping[LeafPath, Type], keys: Mapping[str, LeafPath]
 ) -> dict[str, list[LeafPath]]:
-    """Gives the leaves below each record or array, by its name; of the topic as `value`."""
+    """Gives the leaves in each record or array by its dotted name; the whole topic is `value`."""
     below: dict[str, list[LeafPath]] = {}
     for path in types:
         for depth in range(len(path)):
@@ -329,7 +330,7 @@ def _leaves_by_name(
 
 
 def _can_fill(t: Type, kind: str) -> bool:
-    """Whether a primitive of a message may fill a leaf."""
+    """Whether a message field of primitive type `kind` may fill a leaf of type `t`."""
     if isinstance(t, FloatType):
         return kind in NUMBERS
     if isinstance(t, (IntType, DurationType)):

@@ -1,8 +1,8 @@
-"""Collects the mistakes of a mapping, so that all of them are told at once.
+"""Collects the mistakes in a mapping, so that one error reports all of them.
 
-Purpose: `MappingProblems` asks small questions of tables that people wrote; it notes what is wrong,
-and gives back a value with which reading can go on.
-Non-goals: what the answers mean (`read_mapping.py`, `topic_mapping_parser.py`).
+Purpose: `MappingProblems` takes values out of tables that people wrote. It notes a wrong value, and
+gives a valid one in its place, so that reading can go on.
+Non-goals: what the values mean (`read_mapping.py`, `topic_mapping_parser.py`).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 NUMBER_MAX = 1e30
-"""Larger scales and offsets are taken for slips."""
+"""Larger scales and offsets are taken for typing mistakes."""
 
 
 def wrong_mapping(problems: Iterable[str], file: Path | None = None) -> SoterError:
@@ -28,42 +28,42 @@ def wrong_mapping(problems: Iterable[str], file: Path | None = None) -> SoterErr
 
 
 def unknown_name(kind: str, name: str, known: Iterable[str]) -> str:
-    """Gives a sentence about a name that is not known, with a name close to it."""
+    """Gives a message about an unknown name, with a similar known name if there is one."""
     hint = nearest_or_all(name, known)
     return f"{kind} `{name}`: {hint}" if hint else f"{kind} `{name}`"
 
 
 def is_number(value: object) -> bool:
-    """Whether `value` is a finite number of at most 1e30: larger ones are slips."""
+    """Whether `value` is a number with an absolute value of at most 1e30, and no bool."""
     if not isinstance(value, (int, float)) or isinstance(value, bool):
         return False
     return -NUMBER_MAX <= value <= NUMBER_MAX  # NaN, too, is none
 
 
 class MappingProblems:
-    """Notes what is wrong so far, in `told`."""
+    """Collects the mistakes in a mapping as texts, in `mistakes`."""
 
     def __init__(self) -> None:
-        self.told: list[str] = []
+        self.mistakes: list[str] = []
 
     def add(self, text: str) -> None:
         """Notes a mistake."""
-        self.told.append(text)
+        self.mistakes.append(text)
 
     def table(self, row: Mapping[str, Any], key: str, where: str) -> dict[str, Any]:
-        """Gives the table under a key; an empty one if there is none, or after a note."""
+        """Gives the table under a key; {} if the key is missing, or is no table, which it notes."""
         table = row.get(key, {})
         if not isinstance(table, dict):
             self.add(f"`{key}` of {where} is no table")
             return {}
         return table
 
-    def texts(self, row: Mapping[str, Any], key: str, where: str) -> dict[str, str]:
+    def text_table(self, row: Mapping[str, Any], key: str, where: str) -> dict[str, str]:
         """Gives the table under a key with each value as text."""
         return {k: str(v) for k, v in self.table(row, key, where).items()}
 
-    def name(self, row: Mapping[str, Any], key: str, where: str) -> str | None:
-        """Gives the text under a key; None without one, or after a note."""
+    def text(self, row: Mapping[str, Any], key: str, where: str) -> str | None:
+        """Gives the text under a key; None if the key is missing, or no text, which it notes."""
         text = row.get(key)
         if text is not None and not isinstance(text, str):
             self.add(f"`{key}` of {where} is no name: {text!r}")
@@ -71,13 +71,13 @@ class MappingProblems:
         return text
 
     def note_unknown_keys(self, row: Mapping[str, Any], known: tuple[str, ...], where: str) -> None:
-        """Notes every key that is not a known one."""
+        """Notes every key of a table that is not in `known`."""
         for key in row:
             if key not in known:
                 self.add(f"{where} says `{key}`: there are {', '.join(known)}")
 
-    def duration(self, row: Mapping[str, Any], key: str, name: str) -> int:
-        """Gives the time under a key in ns, above 0; notes a number without a unit."""
+    def positive_ns(self, row: Mapping[str, Any], key: str, name: str) -> int:
+        """Gives the time under a key in ns; notes it if it is missing, unitless or not above 0."""
         if key not in row or is_number(row[key]):
             bare = f"`{key}` of `{name}` is {row.get(key)} of what? It needs a unit"
             self.add(f'{bare if key in row else f"`{name}` needs a `{key}`"}, such as "0.5s"')

@@ -1,11 +1,11 @@
 """MAVLink in a mapping: the messages of a dialect, and the table `[mavlink]`.
 
-Purpose: `read_dialect` reads a dialect that the package `pymavlink` brings, or a file of one's own,
-as types like those of ROS, with what MAVLink says besides: units, and which number means "not
-known". `read_link`: where messages come from and go to, whose they are, how long they take, and
-what the autopilot does when they end. `dialect_xml` makes one document of a dialect, as pymavlink
-evaluates values in it and writes C with its words: messages and fields whose names are names, whose
-numbers are numbers and whose words cannot end a comment; nothing of enums.
+Purpose: `read_dialect` reads a dialect of the package `pymavlink`, or of a user's file, as types
+like those of ROS, with two more facts of MAVLink: units, and the number that means "not known".
+`read_link` reads the addresses of messages, their senders, their delay, and what the autopilot does
+when they stop. `dialect_xml` makes one safe document of a dialect, because pymavlink evaluates
+values in it and copies its words into C. There all names are names of C, all numbers are numbers,
+no text can end a comment, and enums are left out.
 Non-goals: which topic is which message (`topic_mapping_parser.py`); C
 (`targets/mavlink_package.py`); speaking MAVLink (`runtime/mavlink/`).
 """
@@ -27,10 +27,10 @@ from xml.parsers import expat
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.similar_names import closest
-from soter.language.load.named_files import MIB, beside, read_bytes
+from soter.language.load.named_files import MIB, path_beside, read_bytes
 from soter.mapping.mapping_errors import unknown_name
 from soter.mapping.message_types import ARRAY, BASE, MessageType, StampSource, UnknownMessageError
-from soter.version import pip_install
+from soter.version import pip_command
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -50,7 +50,7 @@ FIELD = {
 }
 """Attribute of a field that is taken over -> the form it must have; all others are left out."""
 NOT_IN_COMMENTS = re.compile(r"[^\w .,;:()+=<>%'\"/&|!-]+")
-"""Letters that a comment of C or the generator's templates could read as theirs: `*`, `$`, `?`."""
+"""Letters that mean something in a comment of C or in a template: `*`, `$`, `?` and others."""
 
 
 def dialect_xml(path: Path) -> bytes:
@@ -79,12 +79,12 @@ def dialect_xml(path: Path) -> bytes:
 
 
 def comment_text(text: str) -> str:
-    """Gives words that are safe in a comment of C, as nothing in them can end it."""
+    """Gives a text without the letters that could end a comment of C."""
     return NOT_IN_COMMENTS.sub(" ", " ".join(text.split()))
 
 
 def _documents(path: Path) -> Iterator[ET.Element]:
-    """Yields the documents, the innermost first, each once."""
+    """Yields the document of a dialect and those that it includes, innermost first, each once."""
     seen: set[Path] = set()
 
     def read(at: Path, depth: int) -> Iterator[ET.Element]:
@@ -94,7 +94,7 @@ def _documents(path: Path) -> Iterator[ET.Element]:
         root = _parse_root(read_bytes(at, FILE_MAX))
         for include in root.findall("include"):
             name = (include.text or "").strip()
-            inner = beside(at, name)
+            inner = path_beside(at, name)
             if inner is None or "/" in name or "\\" in name:
                 raise ValueError(f"it includes `{name[:60]}`, which is no file beside it")
             if inner.resolve() not in seen:
@@ -126,7 +126,7 @@ def _refuse_doctype(*_of_it: object) -> None:
 
 
 def _message_element(message: ET.Element) -> ET.Element:
-    """Gives a message with only the parts of it that pymavlink needs."""
+    """Gives a checked copy of a message, with only the parts that pymavlink needs."""
     name = message.get("name", "")
     if not MESSAGE.fullmatch(name):
         raise ValueError(f"the message {name[:60]!r} has a name that is none in C")
@@ -157,7 +157,7 @@ def _field_element(field: ET.Element, message: str) -> ET.Element:
 
 
 def _checked_number(text: str, end: int) -> str:
-    """Gives a whole number from 0 to below `end`, as decimal digits."""
+    """Gives the decimal digits of a whole number in [0, end); ValueError for another text."""
     digits = text.strip()
     if not (digits.isascii() and digits.isdigit() and len(digits) < 10 and int(digits) < end):
         raise ValueError(f"{digits[:60]!r} is no number from 0 to {end - 1}")
@@ -169,7 +169,7 @@ MAVLINK = 3
 PACKAGE = "mavlink"
 NAME = re.compile(r"mavlink/([A-Z][A-Z0-9_]*)", re.ASCII)
 UNITS = {"m/s/s": "m/s^2", "mG": "mg", "g": "gram"}
-"""Unit of MAVLink -> the same here, where it is written otherwise or would mean another."""
+"""Unit of MAVLink -> our name of that unit, where the two names differ."""
 QUATERNION = re.compile(r"(?:\w+_)?q(?:[1-4]|uaternion)?", re.ASCII)
 """Fields whose numbers are those of an orientation: MAVLink gives them no unit."""
 STAMPS = {("time_boot_ms", "uint32"): 10**6, ("time_usec", "uint64"): 10**3}
@@ -179,7 +179,7 @@ _KIND = {"float": "float32", "double": "float64", "char": "string"}
 
 @dataclass(frozen=True)
 class MavlinkMessage(MessageType):
-    """A message of a dialect. `invalid`: by field, the number that means that it is not known.
+    """A message type of a dialect. `invalid`: for a field the number that means "not known".
 
     `extensions`: the fields that frames of MAVLink 1 do not have.
     """
@@ -191,22 +191,22 @@ class MavlinkMessage(MessageType):
     extensions: frozenset[str] = frozenset()
 
     def unit(self, path: str) -> str | None:
-        """Gives the unit of a field, as MAVLink says it."""
+        """Gives the unit that the dialect declares for a field; None without one."""
         name = path.partition(".")[0]
         return self.units.get(name, "1" if QUATERNION.fullmatch(name) else None)
 
     @property
     def default_stamp(self) -> StampSource | None:
-        """Gives the field with the time of measurement; None if there is none."""
+        """Gives the message field that holds the time of measurement; None if there is none."""
         for (name, kind), ns in STAMPS.items():
-            if name in self.fields_in_order and self.leaf(name) == kind:
+            if name in self.fields_in_order and self.primitive_type(name) == kind:
                 return StampSource(name, "number", Fraction(ns))
         return None
 
 
 @dataclass(frozen=True)
 class ChecksumEntry:
-    """What a parser has to know of a message's length and checksum."""
+    """The lengths of a message and its checksum byte `extra`, which a parser of frames needs."""
 
     id: int
     extra: int
@@ -219,14 +219,14 @@ class ChecksumEntry:
 
 @dataclass(frozen=True)
 class Dialect:
-    """The messages of a dialect and of all that it includes; `xml`: them, in one document."""
+    """The messages of a dialect with its includes; `xml`: all of them as one document."""
 
     name: str
     xml: bytes = field(repr=False)
     messages: Mapping[str, MavlinkMessage]
     checksums: tuple[ChecksumEntry, ...]
 
-    def named(self, name: str) -> MavlinkMessage:
+    def message_named(self, name: str) -> MavlinkMessage:
         """Gives the message of this name; raises UnknownMessageError."""
         match = NAME.fullmatch(name)
         if match is None:
@@ -248,23 +248,23 @@ def require_mavlink_package() -> None:
     """Raises SoterError D007 if the package with MAVLink's dialects is missing."""
     if find_spec("pymavlink") is None:
         text = "messages of MAVLink are known to the package `pymavlink`, which is not installed"
-        help_ = f"install it: {pip_install('robots')}"
+        help_ = f"install it: {pip_command('robots')}"
         raise SoterError((Diagnostic("D007", text, helps=(help_,)),))
 
 
 def standard_dialects() -> list[str]:
-    """Gives the dialects that the package brings."""
+    """Gives the names of the dialects in the package `pymavlink`, sorted."""
     return sorted(p.stem for p in _dialect_folder().glob("*.xml") if p.stem not in ("all", "test"))
 
 
 def dialect_path(name: str, folder: Path) -> Path:
-    """Gives the path of a dialect by its name, or of a user's file beside the mapping."""
+    """Gives the file of a dialect: in pymavlink by its name, or a user's `.xml` in `folder`."""
     return folder / name if name.endswith(".xml") else _dialect_folder() / f"{name}.xml"
 
 
 @cache
 def read_dialect(path: Path) -> Dialect:
-    """Gives the dialect; ValueError if the file is none, OSError if it cannot be read."""
+    """Reads a dialect from its file; ValueError if that is no dialect, OSError if unreadable."""
     messages: dict[str, MavlinkMessage] = {}
     checksums: dict[int, ChecksumEntry] = {}
     document = dialect_xml(path)
@@ -301,12 +301,12 @@ def _parsed_messages(document: bytes) -> list[Any]:
         try:
             with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
                 return list(mavparse.MAVXML(str(at), mavparse.PROTOCOL_2_0).message)
-        except (Exception, SystemExit) as error:  # it raises whatever it comes upon
+        except (Exception, SystemExit) as error:  # it may raise anything
             raise ValueError(str(error)[:120].replace("\n", " ") or "it is no dialect") from error
 
 
 def _field_unit(f: Any) -> str:  # noqa: ANN401 - of a package without types
-    """Gives the unit of a field, "" if it has none; `deg*360/255` is none of ours."""
+    """Gives the unit of a field, "" without one; with its multiplier it may be `deg*360/255`."""
     unit = str(f.units or "").strip("[]")
     return f"{unit or '1'}*{f.multiplier}" if f.multiplier else UNITS.get(unit, unit)
 
@@ -351,10 +351,10 @@ SOURCE = re.compile(r"(\d{1,3})/(\d{1,3})", re.ASCII)
 
 @dataclass(frozen=True)
 class MavlinkLink:
-    """The table `[mavlink]` of a mapping, with what it does not say filled in.
+    """The table `[mavlink]` of a mapping, with defaults for what it leaves out.
 
-    `delay_ns`: how old a message may be when it comes, None: nobody says. `resend_ns`: what does
-    not change is sent so often. `offboard_loss_ns`: COM_OF_LOSS_T of PX4.
+    `delay_ns`: the greatest age of a message at its arrival; None: not declared. `resend_ns`: the
+    period at which an unchanged value is sent again. `offboard_loss_ns`: COM_OF_LOSS_T of PX4.
     """
 
     urls: tuple[str, ...]
@@ -369,12 +369,12 @@ class MavlinkLink:
 
     @property
     def autopilot(self) -> tuple[int, int]:
-        """Gives (system, component) of the messages that count if a topic names no publisher."""
+        """Gives (system, component): the sender that counts for topics without a `publisher`."""
         return self.system, self.component
 
 
 def read_link(table: Mapping[str, Any], folder: Path, problems: MappingProblems) -> MavlinkLink:
-    """Reads the table, not to be used if problems were added; SoterError D007: no pymavlink."""
+    """Reads the table `[mavlink]`; do not use it after new problems. D007 without pymavlink."""
     require_mavlink_package()
     problems.note_unknown_keys(table, KEYS, "`mavlink`")
     urls = _read_urls(table.get("url"), problems)
@@ -390,7 +390,7 @@ def read_link(table: Mapping[str, Any], folder: Path, problems: MappingProblems)
     if (ids["system"], ids["component"]) == (ids["own_system"], ids["own_component"]):
         problems.add("`mavlink`: the bridge cannot be the autopilot: `own_component` is its own")
     times = {
-        key: problems.duration(table, key, "mavlink") if key in table else default
+        key: problems.positive_ns(table, key, "mavlink") if key in table else default
         for key, default in (("resend", RESEND_NS), ("offboard_loss", OFFBOARD_LOSS_NS))
     }
     resend, loss = times["resend"], times["offboard_loss"]
@@ -401,7 +401,7 @@ def read_link(table: Mapping[str, Any], folder: Path, problems: MappingProblems)
             "`offboard_loss` of `mavlink` is shorter than three times `resend`: two lost "
             "set-points would end OFFBOARD"
         )
-    delay = problems.duration(table, "delay", "mavlink") if "delay" in table else None
+    delay = problems.positive_ns(table, "delay", "mavlink") if "delay" in table else None
     dialect = _find_dialect(table.get("dialect", "common"), folder, problems)
     return MavlinkLink(
         urls, dialect, **ids, delay_ns=delay, resend_ns=resend, offboard_loss_ns=loss
@@ -409,7 +409,7 @@ def read_link(table: Mapping[str, Any], folder: Path, problems: MappingProblems)
 
 
 def parse_source(text: str) -> tuple[int, int] | None:
-    """Gives `1/191` as a system and a component; None if the text has another form."""
+    """Gives system and component of a sender such as `1/191`; None for a text of other form."""
     match = SOURCE.fullmatch(text)
     ids = (int(match[1]), int(match[2])) if match else (0, 0)
     return ids if all(1 <= n <= 255 for n in ids) else None

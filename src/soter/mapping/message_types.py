@@ -1,10 +1,10 @@
-"""The types of ROS messages: what a path such as `pose.pose.position.x` is.
+"""The types of ROS messages: the type of the field at a path such as `pose.pose.position.x`.
 
 Purpose: `MessageTypes` knows the standard types of ROS 1 (noetic) and ROS 2, by the package
-`rosbags`, and those that a mapping brings along as `.msg` files. `path_steps`: the steps of a path,
-for languages that write a member, an element of an array and one of a sequence differently;
-`text_bound`: how many bytes a text has room for. `StampSource`: which field of a message says when
-it was measured.
+`rosbags`, and those that a mapping adds as `.msg` files. `path_steps` gives the steps of a path for
+languages that write a member, an element of an array and one of a sequence differently.
+`text_bound` gives how many bytes a text may have. A `StampSource` is the field of a message that
+says when it was measured.
 Non-goals: messages themselves (`monitor/log_files/`), code for them (targets); clocks.
 """
 
@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.similar_names import closest, nearest_or_all
-from soter.version import pip_install
+from soter.version import pip_command
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -48,7 +48,7 @@ INTEGERS: dict[str, tuple[int, int]] = {
     **{f"int{n}": (-(2 ** (n - 1)), 2 ** (n - 1) - 1) for n in (8, 16, 32, 64)},
     **{f"uint{n}": (0, 2**n - 1) for n in (8, 16, 32, 64)},
 }
-"""The primitives that hold whole numbers, and from where to where."""
+"""Each primitive type of whole numbers, with its least and greatest number."""
 NUMBERS = (*INTEGERS, "float32", "float64")
 HEADER = "std_msgs/msg/Header"
 HEADER_STAMP, HEADER_FRAME = "header.stamp", "header.frame_id"
@@ -56,23 +56,23 @@ EMPTY_MEMBER = "structure_needs_at_least_one_member"
 NAME = re.compile(r"([A-Za-z]\w*)/(?:msg/)?([A-Za-z]\w*)", re.ASCII)
 
 Definitions = dict[str, tuple[list[Any], list[tuple[str, Any]]]]
-"""Name as ROS 2 writes it -> (constants, fields in declared order)."""
+"""Type name in the form of ROS 2 -> (constants, fields in declared order)."""
 
 
 class UnknownMessageError(Exception):
-    """A type of messages that is not known; the message says which is like it."""
+    """A message type is not known; the text of the error names a similar one."""
 
 
 class NoSuchFieldError(Exception):
-    """A path that a type of messages does not have; the message says what it has."""
+    """A message type has no field at a path; the text of the error names fields that it has."""
 
 
 @dataclass(frozen=True)
 class MessageField:
-    """A primitive of a message: `type` is float64, bool, int32, string, ..., time or duration.
+    """A primitive field of a message; `type`: float64, bool, int32, string, ..., time, duration.
 
-    `through`: "sequence" where a list of any length is on the way, so that it may be absent when
-    the program runs; "array" where only arrays of a fixed length are; else "".
+    `through`: "sequence" if its path goes through a list of any length, so that a message may lack
+    the field; "array" if only through arrays of fixed length; else "".
     """
 
     path: str
@@ -102,8 +102,8 @@ class MessageType:
         """Whether ROS 1, or 2, has the type."""
         return self.ros2 in self.definitions.get(ros, {})
 
-    def field(self, path: str, ros: int | None = None) -> MessageField:
-        """Gives the field at a path such as `a.b.0`, of ROS 1, 2 or any; NoSuchFieldError."""
+    def field_at(self, path: str, ros: int | None = None) -> MessageField:
+        """Gives the field at a path such as `a.b.0`, in ROS 1, 2 or either; NoSuchFieldError."""
         families = [ros] if ros else sorted(self.definitions, reverse=True)
         versions = [v for v in families if self.exists_in(v)]
         if not versions:
@@ -111,27 +111,27 @@ class MessageType:
         problem = NoSuchFieldError()
         for version in versions:
             try:
-                return self._field(path, self.definitions[version])
+                return self._field_in(path, self.definitions[version])
             except NoSuchFieldError as error:
                 problem = error
         raise problem
 
-    def leaf(self, path: str, ros: int | None = None) -> str:
+    def primitive_type(self, path: str, ros: int | None = None) -> str:
         """Gives the primitive type at a path: float64, bool, ..., time; raises NoSuchFieldError."""
-        return self.field(path, ros).type
+        return self.field_at(path, ros).type
 
-    def fields(self, ros: int | None = None) -> dict[str, MessageField]:
-        """Gives path -> primitive field, in declared order; an element of a list is `*`."""
-        definitions = self.definitions[ros] if ros else self._newest
+    def fields_by_path(self, ros: int | None = None) -> dict[str, MessageField]:
+        """Gives each primitive field by path, in declared order; `*` stands for a list index."""
+        definitions = self.definitions[ros] if ros else self._newest_definitions
         found = self._fields_below((self.ros2,), "", "", definitions)
         return {f.path: f for f in found}
 
-    def owners(self, path: str) -> Iterator[tuple[str, str]]:
-        """Yields each type that a field is a part of, outermost first, with its path there.
+    def owning_types(self, path: str) -> Iterator[tuple[str, str]]:
+        """Yields each type that contains a field, outermost first, with the field's path in it.
 
-        Types are written as in ROS 1; the path must be one of `field`.
+        Types are written as in ROS 1; `path` must be one that `field_at` accepts.
         """
-        definitions = self._newest
+        definitions = self._newest_definitions
         found: Any = (NAMED, self.ros2)
         parts = path.split(".")
         for depth, part in enumerate(parts):
@@ -146,23 +146,23 @@ class MessageType:
     @property
     def has_header(self) -> bool:
         """Whether its field `header` is a std_msgs/Header."""
-        return dict(self._newest[self.ros2][1]).get("header") == (NAMED, HEADER)
+        return dict(self._newest_definitions[self.ros2][1]).get("header") == (NAMED, HEADER)
 
     @property
     def default_stamp(self) -> StampSource | None:
-        """Gives the field with the time of measurement, if every message of the type has one."""
+        """Gives the field `header.stamp`, the time of measurement; None without a header."""
         return StampSource(HEADER_STAMP) if self.has_header else None
 
     def unit(self, _path: str) -> str | None:
-        """Gives the unit that the definition says for a field: None, as ROS has none."""
+        """Gives None: definitions of ROS declare no units. `MavlinkMessage` overrides this."""
         return None
 
     @property
-    def _newest(self) -> Definitions:
-        """Gives the definitions of the newest family that has the type."""
+    def _newest_definitions(self) -> Definitions:
+        """Gives the definitions of the newest ROS version that has the type."""
         return self.definitions[max(v for v in self.definitions if self.exists_in(v))]
 
-    def _field(self, path: str, definitions: Definitions) -> MessageField:
+    def _field_in(self, path: str, definitions: Definitions) -> MessageField:
         kind: Any = (NAMED, self.ros2)
         through: Literal["", "array", "sequence"] = ""
         done: list[str] = []
@@ -212,7 +212,7 @@ class MessageType:
                 yield MessageField(at, str(inner[1][0]), passes)
             elif inner[1] in TIMES:
                 yield MessageField(at, TIMES[inner[1]], passes)
-            elif inner[1] not in inside:  # what holds itself has no end
+            elif inner[1] not in inside:  # a type that contains itself would never end
                 yield from self._fields_below((*inside, inner[1]), f"{at}.", passes, definitions)
 
 
@@ -235,14 +235,14 @@ def _members_of(definitions: Definitions, name: str) -> dict[str, Any]:
 
 
 class KnownTypes(Protocol):
-    """A source of types of messages, by their names."""
+    """An object that finds message types by their names."""
 
-    def named(self, name: str) -> MessageType:
+    def type_named(self, name: str) -> MessageType:
         """Gives the type; raises UnknownMessageError."""
 
 
 class MessageTypes:
-    """Knows the standard types, and those that are added."""
+    """The standard message types of ROS, and those that `add` reads from `.msg` files."""
 
     def __init__(self) -> None:
         """Raises SoterError D007 without rosbags."""
@@ -254,7 +254,7 @@ class MessageTypes:
         for definitions in self.definitions.values():
             definitions.update(_parse_definition(name, text))
 
-    def named(self, name: str) -> MessageType:
+    def type_named(self, name: str) -> MessageType:
         """Gives the type; raises UnknownMessageError."""
         match = NAME.fullmatch(name)
         if match is None:
@@ -272,7 +272,7 @@ def require_ros_package() -> None:
     """Raises SoterError D007 if the package that reads ROS messages is missing."""
     if find_spec("rosbags") is None:
         text = "ROS messages and bags are read with the package `rosbags`, which is not installed"
-        help_ = f"install it: {pip_install('logs')}"
+        help_ = f"install it: {pip_command('logs')}"
         raise SoterError((Diagnostic("D007", text, helps=(help_,)),))
 
 
@@ -285,7 +285,7 @@ def _standard_definitions() -> dict[int, Definitions]:
 
 
 def _parse_definition(name: str, text: str) -> Definitions:
-    """Gives the definitions in a `.msg` file, under the name that the mapping gives it."""
+    """Gives the definitions in the text of a `.msg` file, whose type the mapping calls `name`."""
     from rosbags.typesys import TypesysError, get_types_from_msg  # noqa: PLC0415 - an extra
 
     match = NAME.fullmatch(name)
@@ -302,12 +302,12 @@ Step = Literal["member", "array", "sequence"]
 
 
 def path_steps(message: MessageType, path: str, ros: int) -> list[tuple[str, Step]]:
-    """Gives each part of a path, with what holds the part: a record, an array or a sequence."""
+    """Gives each part of a path, and whether it is a member, or in an array or a sequence."""
     return [(part, step) for part, step, _ in _steps_to_field(message, path, ros)]
 
 
 def text_bound(message: MessageType, path: str, ros: int) -> int:
-    """Gives how many bytes the text at a path may have; 0 if it has no bound."""
+    """Gives the greatest number of bytes of the text at a path; 0 if it has no bound."""
     *_, (_, _, kind) = _steps_to_field(message, path, ros)
     return int(kind[1][1]) if kind[0] == BASE else 0
 

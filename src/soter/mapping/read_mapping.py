@@ -1,7 +1,7 @@
-"""Reads a mapping, TOML or JSON, to records that fit a system.
+"""Reads a mapping, in TOML or JSON, into records that are checked against a system.
 
-Purpose: `read_mapping` reads the file, `make_log_map` what it says; D015 has all mistakes at once.
-Non-goals: what it says of a topic (`topic_mapping_parser.py`), messages and logs.
+Purpose: `read_mapping` reads the file, `make_log_map` its content; one D015 has all mistakes.
+Non-goals: the tables of topics (`topic_mapping_parser.py`), messages and logs.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def read_mapping(path: Path) -> dict[str, Any]:
 
 
 def system_name(table: Mapping[str, Any]) -> str | None:
-    """Gives the name of the system that a mapping is for; None if it does not say."""
+    """Gives the name of the system that a mapping is for; None if it names none."""
     name = table.get("system")
     return name if isinstance(name, str) else None
 
@@ -77,19 +77,19 @@ def make_log_map(
     where: Mapping[str, str] | None = None,
     file: Path | None = None,
 ) -> LogMap:
-    """Gives the mapping, checked against a system; `where` is added to the mapping's own.
+    """Gives the records of a mapping, checked against a system, with the conditions `where` added.
 
     `file` is the file of the mapping, from whose folder it finds its `messages`. SoterError D015;
     D007 if it names types of ROS messages and the package that knows them is missing.
     """
     reading = _MappingReader(system, Path() if file is None else file.parent)
-    log_map = reading.read(table)
-    if reading.problems.told:
-        raise wrong_mapping(reading.problems.told, file)
+    log_map = reading.read_log_map(table)
+    if reading.problems.mistakes:
+        raise wrong_mapping(reading.problems.mistakes, file)
     return replace(log_map, where={**log_map.where, **(where or {})})
 
 
-def _named_types(topics: Mapping[str, Any]) -> list[object]:
+def _type_names(topics: Mapping[str, Any]) -> list[object]:
     tables = [t for t in topics.values() if isinstance(t, dict)]
     for t in [*tables]:
         sources = t.get("sources")
@@ -98,7 +98,7 @@ def _named_types(topics: Mapping[str, Any]) -> list[object]:
 
 
 def _with_link_delay(topic_map: TopicMap, link: MavlinkLink | None) -> TopicMap:
-    """Gives a topic with the MAVLink link's delay, if its messages have no stamp."""
+    """Gives a topic with the link's delay if its messages are of MAVLink and have no stamp."""
     if (
         link is None
         or topic_map.stamp is not None
@@ -109,32 +109,32 @@ def _with_link_delay(topic_map: TopicMap, link: MavlinkLink | None) -> TopicMap:
 
 
 class _TypesByFamily:
-    """Finds types of messages of ROS and MAVLink, as far as a mapping needs them."""
+    """Finds message types of ROS and of MAVLink by name; each is None if the mapping has none."""
 
     def __init__(self, ros: MessageTypes | None, link: MavlinkLink | None) -> None:
         self.ros, self.link = ros, link
 
-    def named(self, name: str) -> MessageType:
+    def type_named(self, name: str) -> MessageType:
         """Gives the type; raises UnknownMessageError."""
         if self.link is not None and is_mavlink(name):
-            return self.link.dialect.named(name)
+            return self.link.dialect.message_named(name)
         if self.ros is None:
             raise UnknownMessageError("a type is written as `nav_msgs/Odometry`")
-        return self.ros.named(name)
+        return self.ros.type_named(name)
 
 
 class _MappingReader:
-    """Reads a mapping, and reads on after a mistake, so that all of them are told."""
+    """Reads a mapping; it goes on after a mistake, so that one error can report all of them."""
 
     def __init__(self, system: System, folder: Path) -> None:
         self.known = {t.name: t for t in system.topics if t.queue_of is None and not t.held}
         self.unused = set(system.program.topics) - set(self.known)
-        """Topics of the program that the system does not have: what is said of them is left out."""
+        """Topics of the program that the system lacks: the reader skips their tables."""
         self.delays_ns = {system.topics[e.topic].name: e.delay_ns or 0 for e in system.externals}
         self.folder = folder
         self.problems = MappingProblems()
 
-    def read(self, table: Mapping[str, Any]) -> LogMap:
+    def read_log_map(self, table: Mapping[str, Any]) -> LogMap:
         problems = self.problems
         problems.note_unknown_keys(table, KEYS, "the mapping")
         if not isinstance(table.get("system", ""), str):
@@ -148,9 +148,9 @@ class _MappingReader:
         since, until = (self._read_seconds(time_table, key) for key in ("since", "until"))
         if since is not None and until is not None and since > until:
             problems.add("`since` of `time` lies after `until`")
-        where = problems.texts(table, "where", "the mapping")
+        where = problems.text_table(table, "where", "the mapping")
         topics = problems.table(table, "topics", "the mapping")
-        if not set(topics) - self.unused and not problems.told:
+        if not set(topics) - self.unused and not problems.mistakes:
             problems.add("the mapping names no topics: `[topics.NAME]`")
         link = self._read_link(table, topics)
         types = self._message_types(problems.table(table, "messages", "the mapping"), topics, link)
@@ -173,24 +173,25 @@ class _MappingReader:
             self.problems.add(f"`{name}` is no table")
             return ()
         delay_ns = self.delays_ns.get(name, 0)
-        return TopicReader(topic, self.problems, types, frame=frame, delay_ns=delay_ns).read(row)
+        reader = TopicReader(topic, self.problems, types, frame=frame, delay_ns=delay_ns)
+        return reader.read_maps(row)
 
     def _read_link(
         self, table_: Mapping[str, Any], topics: Mapping[str, Any]
     ) -> MavlinkLink | None:
-        """Gives the table `mavlink`, which messages of MAVLink need; else None."""
+        """Gives the table `mavlink`; None if it is missing and no topic has a MAVLink type."""
         table = self.problems.table(table_, "mavlink", "the mapping")
-        if not table and not any(is_mavlink(name) for name in _named_types(topics)):
+        if not table and not any(is_mavlink(name) for name in _type_names(topics)):
             return None
         return read_link(table, self.folder, self.problems)
 
     def _message_types(
         self, messages: Mapping[str, Any], topics: Mapping[str, Any], link: MavlinkLink | None
     ) -> KnownTypes | None:
-        """Gives the types of messages; None if the mapping names none."""
-        names = _named_types(topics)
-        of_ros = bool(messages) or any(not is_mavlink(name) for name in names)
-        if not of_ros:
+        """Gives the message types that topics may name; None if the mapping names none."""
+        names = _type_names(topics)
+        needs_ros = bool(messages) or any(not is_mavlink(name) for name in names)
+        if not needs_ros:
             return _TypesByFamily(None, link) if names else None
         texts = {name: self._definition_text(name, path) for name, path in messages.items()}
         types = MessageTypes()
@@ -223,10 +224,10 @@ class _MappingReader:
             shown = str(scale)[:40]
             self.problems.add(f"`scale` of `time` is no number from 1e-12 to 1e12: {shown}")
             scale = 1
-        return self.problems.name(row, "from", "`time`"), Fraction(repr(scale)) * TIME_UNITS[unit]
+        return self.problems.text(row, "from", "`time`"), Fraction(repr(scale)) * TIME_UNITS[unit]
 
     def _read_seconds(self, row: Mapping[str, Any], key: str) -> int | None:
-        """Gives the time under a key in ns, from a number or text in s; None without it."""
+        """Gives the time under a key in ns, from a number or a text in s; None without the key."""
         if key not in row:
             return None
         try:

@@ -1,16 +1,16 @@
-"""What a mapping says of the topics of a program: one file, read by `monitor` and by targets.
+"""The records of a mapping of a program's topics, which `monitor` and the targets read.
 
-Purpose: `LogMap` and `TopicMap`, the records behind `--map`. Who reads them knows only leaves:
-units, frames and vectors are factors and signs here. For a topic with several sources,
-`SourcePromise` is what each promises, and `SourceTurns` the rule by which one of them is read,
-which is that of `runtime/bridge/soter_sources.hpp`.
-Non-goals: reading the file (`read_mapping.py`), the values of a log (`monitor/typed_samples.py`);
-what a deploying system declares, and whether promises of sources fit (`targets/`).
+Purpose: `LogMap` and `TopicMap` are the records behind `--map`. They know only leaves: units,
+frames and vectors have become factors and signs. For a topic with several sources, a
+`SourcePromise` is what one source promises, and `SourceTurns` the rule that chooses the source to
+read; `runtime/bridge/soter_sources.hpp` has the same rule.
+Non-goals: reading the file (`read_mapping.py`); the values of a log (`monitor/typed_samples.py`);
+what a deployed system declares, and whether promises of sources fit (`targets/`).
 
-The rule, of stamps in the order of arrival (docs/mapping.md, "Several sources", has the reason and
-the bound): a sample has its turn if it was measured more than `after` later than the newest sample
-that had a turn among the sources before its own; in its turn it is taken if it is newer than all
-that was taken.
+The rule compares stamps in order of arrival; docs/mapping.md, "Several sources", has its reason
+and its bound. A sample has its turn if it was measured more than `after` later than the newest
+sample that had a turn among the sources before its own. A sample that has its turn is taken if it
+is newer than every sample that was taken.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SourcePromise:
-    """What a source promises, times in ns, and when it takes over.
+    """The promise of one source of a topic, and when the source takes over; times in ns.
 
-    While it works it measures at least every `every_ns`, and a sample is there at most `delayed_ns`
-    after it was measured. `errors`: how far a float leaf may be off, in the topic's unit; a leaf
-    that is not there has none. `after_ns`: by how much its samples have to be younger than those of
-    the sources before it; of the first source (`rank` 0) 0, which nothing asks for.
+    While it works it measures at least every `every_ns`, and a sample arrives at most `delayed_ns`
+    after its measurement. `errors`: the greatest error of a float leaf, in the topic's unit; other
+    leaves have none. `after_ns`: by how much its samples must be younger than those of the sources
+    before it; the first source (`rank` 0) has 0, which is not used.
     """
 
     rank: int
@@ -46,28 +46,28 @@ class SourcePromise:
     after_ns: int = 0
 
     @property
-    def alone_ns(self) -> int:
-        """Gives how old its newest sample may be, by `every_ns` and `delayed_ns`."""
+    def own_age_max_ns(self) -> int:
+        """Gives the greatest age of its newest sample while it works: `every_ns` + `delayed_ns`."""
         return self.every_ns + self.delayed_ns
 
     @property
-    def oldest_ns(self) -> int:
-        """Gives how old the topic may get while this source works, whatever others do."""
-        return self.after_ns + self.alone_ns
+    def age_max_ns(self) -> int:
+        """Gives the greatest age of the topic while this source works, even if no other does."""
+        return self.after_ns + self.own_age_max_ns
 
 
 class SourceTurns:
-    """Decides which samples of several sources are taken; `after_ns`: of each source, by rank."""
+    """Decides which samples of several sources are taken; `after_ns`: for each rank of a source."""
 
     def __init__(self, after_ns: Sequence[int]) -> None:
         self.after_ns = tuple(after_ns)
         self.newest: list[int | None] = [None] * len(self.after_ns)
-        """For each source the stamp of its newest sample whose turn it was."""
+        """For each source the stamp of its newest sample that had a turn; None before the first."""
 
     def judge(self, rank: int, stamp_ns: int) -> Literal["taken", "waits", "older"]:
-        """Gives what becomes of a sample of source `rank` that was measured at `stamp_ns`.
+        """Gives whether a sample of source `rank`, measured at `stamp_ns`, is taken.
 
-        `waits`: it is not its turn; `older`: it is, and something as new was taken before.
+        `waits`: the sample has no turn. `older`: a sample as new or newer was taken before.
         """
         before = [s for s in self.newest[:rank] if s is not None]
         if before and stamp_ns <= max(before) + self.after_ns[rank]:
@@ -79,20 +79,20 @@ class SourceTurns:
 
 
 GAP_NS = 10**9
-"""Between samples further apart nothing is interpolated, unless the mapping says otherwise."""
+"""The longest gap between samples that is interpolated, unless the mapping says another."""
 
 LOG_TIME, PUBLISH_TIME = "log_time", "publish_time"
-"""Times that a log has of every message, as MCAP calls them."""
+"""The two times that a log has for each message, by their names in MCAP."""
 
 LeafPath = tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class SignalSource:
-    """`scale` * what stands in the column or field `name` + `offset`.
+    """A leaf that is `scale` * the value of the column or field `name` + `offset`.
 
-    Of a topic that goes out the field is (leaf - `offset`) / `scale`. `assumed_unit`: the one that
-    the program declares, where nobody says the field's. `turn`: a whole one, of an angle.
+    Of a topic that is sent, the field is (leaf - `offset`) / `scale`. `assumed_unit`: the unit that
+    the program declares, if the field's is unknown. `turn`: a full turn of an angle, in its unit.
     """
 
     name: str
@@ -104,14 +104,14 @@ class SignalSource:
 
 @dataclass(frozen=True)
 class ConstantSource:
-    """A value that no message holds and that the mapping takes to be this."""
+    """A leaf that no message holds: the mapping gives it this constant value."""
 
     value: Value
 
 
 @dataclass(frozen=True)
 class SlopeSource:
-    """How fast another field of the topic changes, over the window that ends at each sample."""
+    """A leaf that is the rate of change of leaf `of`, over the window that ends at each sample."""
 
     of: LeafPath
     window_ns: int
@@ -119,13 +119,13 @@ class SlopeSource:
 
 @dataclass(frozen=True)
 class NearestSource:
-    """How far away the nearest thing in a sensor_msgs/LaserScan is, or in which direction.
+    """A leaf with the distance or bearing of the nearest thing in a sensor_msgs/LaserScan.
 
-    `most`: what is farther counts as so far. `unseen`: so many rays in a row may have measured
-    nothing; a message with more is not taken.
+    `most`: the greatest distance; farther things count as this far. `unseen`: how many rays in a
+    row may have measured nothing; a message with more is not taken.
     """
 
-    what: Literal["distance", "bearing"]
+    quantity: Literal["distance", "bearing"]
     most: float
     unseen: int
 
@@ -135,9 +135,9 @@ Leaf = SignalSource | ConstantSource | SlopeSource | NearestSource
 
 @dataclass(frozen=True)
 class QualityOfService:
-    """How messages of a topic go, as a mapping says; None: by the middleware's convention.
+    """The quality of service of a topic in DDS; None: the default of the middleware.
 
-    `depth`: of the history, 0 for all of it.
+    `depth`: how many messages the history keeps, 0 for all.
     """
 
     reliability: Literal["best_effort", "reliable"] | None = None
@@ -147,16 +147,16 @@ class QualityOfService:
 
 @dataclass(frozen=True)
 class TopicMap:
-    """A topic and where its leaves come from, or go, all of them, in declared order.
+    """A topic with the sources of all its leaves, or their targets, in declared order.
 
-    `channel`: whose messages of a bag or an MCAP, or the topic of a middleware; of a CSV nothing.
+    `channel`: the channel of a bag or an MCAP, or the topic of a middleware; None for a CSV.
     `linear`: floats go on along the line through the last two samples, for at most `gap_ns`.
-    `message`: the type of its messages, where the mapping says. `stamp`: None counts ages from
-    `delay_ns` before arrival, the longest that a message may have been on its way. `frame_id`:
+    `message`: the type of its messages, if the mapping names one. `stamp`: if None, ages count from
+    `delay_ns` before arrival, the longest time that a message may take to arrive. `frame_id`:
     messages whose `header.frame_id` differs are not taken. `publisher`: the node that may publish,
-    as written. `constants`: fields of a message that goes out, by path. `qos`: of a topic of DDS;
-    others have none. `promise`: of one of several sources of the topic. `where`: rows of a log are
-    its own where these columns, or fields, hold these texts. `clip`: who receives them clips them.
+    as written. `constants`: constant fields of a message that is sent, by path. `qos`: only for a
+    topic of DDS. `promise`: only for one of several sources. `where`: rows of a log belong to the
+    topic if these columns or fields hold these texts. `clip`: the receiver clips the values.
     """
 
     topic: Topic
@@ -177,41 +177,41 @@ class TopicMap:
 
     @property
     def names(self) -> list[str]:
-        """Gives the columns or fields that the topic needs."""
+        """Gives the names of the columns or fields that the leaves are read from."""
         return list(
             dict.fromkeys(x.name for x in self.leaves.values() if isinstance(x, SignalSource))
         )
 
     @property
     def optional(self) -> frozenset[str]:
-        """Gives those of `names` that are in a list of any length, and so may be absent."""
+        """Gives the `names` whose fields lie in a list of any length, and so may be absent."""
         message = self.message
         if message is None:
             return frozenset()
-        return frozenset(n for n in self.names if message.field(n).through == "sequence")
+        return frozenset(n for n in self.names if message.field_at(n).through == "sequence")
 
     @property
     def assumed_units(self) -> list[str]:
-        """Gives leaves in words, with the unit that is assumed because nobody says one."""
+        """Gives a text for each leaf whose unit is assumed: neither field nor mapping names one."""
         return [
-            f"`{self.name_of(p)}` in `{x.assumed_unit}`"
+            f"`{self.leaf_name(p)}` in `{x.assumed_unit}`"
             for p, x in self.leaves.items()
             if isinstance(x, SignalSource) and x.assumed_unit
         ]
 
-    def name_of(self, path: LeafPath) -> str:
-        """Gives a leaf as people write it."""
+    def leaf_name(self, path: LeafPath) -> str:
+        """Gives the dotted name of a leaf: topic, then path."""
         return ".".join((self.topic.name, *path))
 
 
 @dataclass(frozen=True)
 class LogMap:
-    """A mapping that fits its system.
+    """A mapping that was checked against its system.
 
-    `topics`: several that follow each other and are one topic are its sources, the preferred first.
-    `time`: the column or field of time, LOG_TIME or PUBLISH_TIME, None for the log time of
-    messages; `time_ns`: its unit. `where`: rows count where these columns hold these texts, and
-    from `since_ns` to `until_ns` of the log's own time. `mavlink`: the link to an autopilot.
+    `topics`: records of one topic that follow each other are its sources, the preferred one first.
+    `time`: the column or field of time, LOG_TIME or PUBLISH_TIME; None: the log time of messages.
+    `time_ns`: the unit of time. `where`: rows count if these columns hold these texts, and if the
+    log's time is from `since_ns` to `until_ns`. `mavlink`: the link to an autopilot.
     """
 
     topics: tuple[TopicMap, ...]
@@ -222,7 +222,7 @@ class LogMap:
     since_ns: int | None = None
     until_ns: int | None = None
 
-    def counts(self, time_ns: int) -> bool:
-        """Whether a value that was logged at `time_ns` lies in the chosen part of the log."""
+    def covers(self, time_ns: int) -> bool:
+        """Whether a time of the log lies in its chosen part, `since_ns` to `until_ns`."""
         early = self.since_ns is not None and time_ns < self.since_ns
         return not early and (self.until_ns is None or time_ns <= self.until_ns)

@@ -1,11 +1,11 @@
-"""Reads what a mapping says of one topic.
+"""Reads the table of one topic in a mapping.
 
-Purpose: a `TopicReader` reads the channel and the messages: their type, when they were measured,
-whose they are, and what of them is constant. `read_qos` reads the three policies of DDS that decide
-whether a reader and a writer meet, and what is kept. `read_promise` reads what one of several
-sources promises, and `problems_of_early_turns` finds sources that take over too early.
+Purpose: a `TopicReader` reads the channel and the facts of its messages: their type, their time of
+measurement, their sender, their constant fields. `read_qos` reads the three policies of DDS that
+decide whether reader and writer connect, and how much is kept. `read_promise` reads the promise of
+one source, and `problems_of_early_turns` finds sources that take over too early.
 Non-goals: the leaves (`leaf_mapping_parser.py`); whether a log or a middleware has such messages;
-what the policies mean to it (`targets/dds_package.py`), and the other policies of DDS.
+the meaning of the policies (`targets/dds_package.py`), and the other policies of DDS.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from soter.language.model.types import FloatType, leaves, show_ns
-from soter.mapping.frames import FRAMES, SAME, known_frame, turn_between
+from soter.mapping.frames import FRAMES, SAME, likely_frame, turn_between
 from soter.mapping.leaf_mapping_parser import LeafReader
 from soter.mapping.mapping_errors import is_number, unknown_name
 from soter.mapping.message_types import (
@@ -54,18 +54,18 @@ ALL = "all"
 
 
 def read_qos(row: Mapping[str, Any], problems: MappingProblems, where: str) -> QualityOfService:
-    """Reads the table of policies; the record must not be used if problems were added."""
+    """Reads the policies of DDS in a table; do not use the record if problems were added."""
     problems.note_unknown_keys(row, KEYS, where)
     return QualityOfService(
         _read_policy(row, "reliability", RELIABILITY, problems, where),
         _read_policy(row, "durability", DURABILITY, problems, where),
-        _queue_depth(row.get("depth"), problems, where),
+        _read_depth(row.get("depth"), problems, where),
     )
 
 
 def _read_policy(
     row: Mapping[str, Any], key: str, known: tuple[str, ...], problems: MappingProblems, where: str
-) -> Any:  # noqa: ANN401 - one of the words, which mypy cannot see
+) -> Any:  # noqa: ANN401 - mypy cannot see which literals
     word = row.get(key)
     if word is not None and word not in known:
         problems.add(f"`{key}` in {where} is {' or '.join(known)}, not {word!r}")
@@ -73,7 +73,7 @@ def _read_policy(
     return word
 
 
-def _queue_depth(depth: object, problems: MappingProblems, where: str) -> int | None:
+def _read_depth(depth: object, problems: MappingProblems, where: str) -> int | None:
     if depth is None:
         return None
     if depth == ALL:
@@ -87,33 +87,33 @@ def _queue_depth(depth: object, problems: MappingProblems, where: str) -> int | 
 PROMISE_KEYS = ("every", "delayed", "measured", "after")
 SOURCES_MAX = 8
 WHOLE = "value"
-"""The key of `measured` that means all of a topic."""
+"""The key of `measured` that stands for all leaves of a topic."""
 
 
 def read_promise(
     table: Mapping[str, Any], rank: int, topic: Topic, problems: MappingProblems, name: str
 ) -> SourcePromise:
-    """Reads the promise in a source's table; it must not be used after new problems."""
-    delayed = problems.duration(table, "delayed", name) if "delayed" in table else 0
+    """Reads the promise in the table of a source; do not use it if problems were added."""
+    delayed = problems.positive_ns(table, "delayed", name) if "delayed" in table else 0
     after = 0
     if rank > 0:
-        after = problems.duration(table, "after", name)
+        after = problems.positive_ns(table, "after", name)
     elif "after" in table:
         problems.add(f"`after` of `{name}`: the first source takes over from nobody")
     errors = _errors_by_leaf(problems.table(table, "measured", f"`{name}`"), topic, problems, name)
-    return SourcePromise(rank, problems.duration(table, "every", name), delayed, errors, after)
+    return SourcePromise(rank, problems.positive_ns(table, "every", name), delayed, errors, after)
 
 
 def _errors_by_leaf(
     measured: Mapping[str, Any], topic: Topic, problems: MappingProblems, name: str
 ) -> dict[tuple[str, ...], float]:
-    """Gives float leaf -> its error; the name of a part stands for each of its leaves."""
+    """Gives the error of float leaves by path; a key that names a part counts for its leaves."""
     floats = [path for path, t in leaves(topic.type) if isinstance(t, FloatType)]
     errors: dict[tuple[str, ...], float] = {}
     for key, error in measured.items():
         parts = () if key == WHOLE else tuple(key.split("."))
-        meant = [path for path in floats if path[: len(parts)] == parts]
-        if not meant:
+        fitting = [path for path in floats if path[: len(parts)] == parts]
+        if not fitting:
             known = [".".join(path) or WHOLE for path in floats]
             problems.add(
                 unknown_name(f"`measured` of `{name}`: no float of the topic is", key, known)
@@ -121,18 +121,18 @@ def _errors_by_leaf(
         elif not is_number(error) or error < 0:
             problems.add(f"`{key}` in `measured` of `{name}` is no error, 0 or more: {error!r}")
         else:
-            errors.update(dict.fromkeys(meant, float(error)))
+            errors.update(dict.fromkeys(fitting, float(error)))
     return errors
 
 
 def problems_of_early_turns(name: str, promises: Sequence[SourcePromise]) -> Iterator[str]:
-    """Yields a problem for each source that may take over though others keep their promises.
+    """Yields a problem for each source that may take over while an earlier one keeps its promise.
 
-    A sample of a source before it may be as old as the topic is with that source: a newer one may
-    have waited for its turn in vain.
+    With an earlier source the topic may get as old as that source's `age_max_ns`, so a later source
+    must wait longer than that.
     """
     for promise in promises[1:]:
-        patience = max(p.oldest_ns for p in promises[: promise.rank])
+        patience = max(p.age_max_ns for p in promises[: promise.rank])
         if promise.after_ns < patience:
             yield (
                 f"`after` of `{name}.sources.{promise.rank + 1}` is {show_ns(promise.after_ns)}: "
@@ -151,14 +151,14 @@ SOURCE_KEYS = (
 STAMP_KEYS = ("from", "unit")
 ARRIVAL = "arrival"
 GREATEST = {"float32": 3.4028234663852886e38, "float64": sys.float_info.max}
-"""The largest number of a field: beyond it infinity would go out."""
+"""The largest number of a type; a larger one would be sent as infinity."""
 
 
 class TopicReader:
-    """Reads the table of a topic; what is wrong goes to `problems`.
+    """Reads the table of a topic, and notes mistakes in `problems`.
 
-    `types`: those of messages, None where the mapping names none; `frame`: the program's;
-    `delay_ns`: from a measurement to its arrival, as the system declares (`delayed`).
+    `types`: finds message types, None if the mapping names none. `frame`: the program's frame.
+    `delay_ns`: the time from measurement to arrival that the system declares (`delayed`).
     """
 
     def __init__(
@@ -172,8 +172,8 @@ class TopicReader:
         self.topic, self.problems, self.types, self.frame = topic, problems, types, frame
         self.name, self.delay_ns = topic.name, delay_ns
 
-    def read(self, table: Mapping[str, Any]) -> tuple[TopicMap, ...]:
-        """Gives the topic, or one for each source; not to be used after new problems."""
+    def read_maps(self, table: Mapping[str, Any]) -> tuple[TopicMap, ...]:
+        """Gives one record, or one for each source; do not use them if problems were added."""
         if "sources" not in table:
             self.problems.note_unknown_keys(table, (*TOPIC_KEYS, "sources"), f"`{self.name}`")
             return (self._read_topic_map(table),)
@@ -209,7 +209,7 @@ class TopicReader:
         return replace(topic_map, promise=promise)
 
     def _check_sources(self, maps: tuple[TopicMap, ...]) -> None:
-        """Notes sources that do not fit together, though each is right by itself."""
+        """Notes channels that two sources share, and sources that take over too early."""
         self.name = self.topic.name
         channels = [m.channel for m in maps if m.channel is not None]
         if len(set(channels)) != len(channels):
@@ -223,27 +223,27 @@ class TopicReader:
         between = table.get("between", "hold")
         if between not in ("hold", "linear"):
             problems.add(f"`between` of {where} is hold or linear, not {between!r}")
-        gap = problems.duration(table, "gap", self.name) if "gap" in table else GAP_NS
+        gap = problems.positive_ns(table, "gap", self.name) if "gap" in table else GAP_NS
         if not isinstance(table.get("clip", False), bool):
             problems.add(f"`clip` of {where} is true or false, not {table['clip']!r}")
         message = self._message_type(table)
         leaf_reader = LeafReader(self.topic, problems, message, self._frame_turn(table))
-        leaf_by_path = leaf_reader.read(problems.table(table, "fields", where))
+        leaf_by_path = leaf_reader.read_leaves(problems.table(table, "fields", where))
         stamp = self._read_stamp(table, message)
         topic_map = TopicMap(
             self.topic,
             leaf_by_path,
-            problems.name(table, "channel", where),
+            problems.text(table, "channel", where),
             between == "linear",
             gap,
             message=message,
             stamp=stamp,
             delay_ns=self.delay_ns if stamp is None else 0,
-            frame_id=self._frame_id(table, message),
-            publisher=problems.name(table, "publisher", where),
+            frame_id=self._read_frame_id(table, message),
+            publisher=problems.text(table, "publisher", where),
             constants=self._read_constants(problems.table(table, "set", where), message),
             qos=read_qos(problems.table(table, "qos", where), problems, f"`qos` of {where}"),
-            where=problems.texts(table, "where", where),
+            where=problems.text_table(table, "where", where),
             clip=table.get("clip") is True,
         )
         if "frame" in table and not leaf_reader.vectors:
@@ -253,7 +253,7 @@ class TopicReader:
             )
         texts = [t for key in ("channel", "frame_id") if isinstance(t := table.get(key), str)]
         for name, names in leaf_reader.vectors.items() if "frame" not in table else ():
-            known = known_frame(message, names, texts) if names else ""
+            known = likely_frame(message, names, texts) if names else ""
             if turn_between(known or self.frame, self.frame) != SAME:
                 problems.add(
                     f'`{name}` is in {known}, the program in {self.frame}: `frame = "{known}"` of '
@@ -266,11 +266,11 @@ class TopicReader:
         return topic_map
 
     def _message_type(self, table: Mapping[str, Any]) -> MessageType | None:
-        name = self.problems.name(table, "type", f"`{self.name}`")
+        name = self.problems.text(table, "type", f"`{self.name}`")
         if name is None or self.types is None:
             return None
         try:
-            return self.types.named(name)
+            return self.types.type_named(name)
         except UnknownMessageError as error:
             self.problems.add(f"`type` of `{self.name}` is `{name}`, which is not known: {error}")
             return None
@@ -286,8 +286,8 @@ class TopicReader:
             return None
         return turn_between(frame, self.frame)
 
-    def _frame_id(self, table: Mapping[str, Any], message: MessageType | None) -> str | None:
-        frame = self.problems.name(table, "frame_id", f"`{self.name}`")
+    def _read_frame_id(self, table: Mapping[str, Any], message: MessageType | None) -> str | None:
+        frame = self.problems.text(table, "frame_id", f"`{self.name}`")
         if frame is not None and message is not None and not message.has_header:
             self.problems.add(
                 f"`frame_id` of `{self.name}` needs a header, which {message.ros1} has not"
@@ -329,7 +329,7 @@ class TopicReader:
     def _check_stamp(self, source: StampSource, message: MessageType) -> None:
         where = f"`stamp` of `{self.name}`"
         try:
-            kind = message.leaf(source.path)
+            kind = message.primitive_type(source.path)
         except NoSuchFieldError as error:
             self.problems.add(f"{where}: {error}")
             return
@@ -358,7 +358,7 @@ class TopicReader:
             if message is None:
                 continue
             try:
-                part = message.field(path)
+                part = message.field_at(path)
             except NoSuchFieldError as error:
                 self.problems.add(f"{where}: {error}")
                 continue
@@ -371,7 +371,7 @@ class TopicReader:
 
 
 def _fits_kind(value: object, kind: str) -> bool:
-    """Whether a constant is a value of a primitive."""
+    """Whether a constant fits a field of the primitive type `kind`."""
     if isinstance(value, bool):
         return kind == "bool"
     if isinstance(value, int) and kind in INTEGERS:

@@ -1,11 +1,11 @@
 """Units of numbers, those of standard ROS messages among them.
 
-Purpose: `UNITS` has the units that a mapping or a program may say, each with a factor that makes SI
-of it, `DIMENSIONS` what they measure, so that no length is taken for a speed. `standard_unit`: the
-unit of a field of a standard ROS message, as REP 103 and the message definitions say it, so that a
-mapping that takes another unit is refused.
+Purpose: `UNITS` has the units that a mapping or a program may name, with their factors to SI.
+`DIMENSIONS` has the quantity that each measures, so that no length is taken for a speed.
+`standard_unit` gives the unit of a field of a standard ROS message, from REP 103 and the message
+definitions; a mapping that names another unit is refused.
 Non-goals: messages of one's own, unless made of standard ones; fields whose unit depends on
-something else (`JointState.position`), or on nothing (`LaserScan.intensities`), which are in none;
+something else (`JointState.position`), or is not defined (`LaserScan.intensities`): no unit;
 frames (`frames.py`).
 """
 
@@ -55,18 +55,18 @@ _BY_DIMENSION = {
     "a field strength": {"T": 1.0},
 }
 UNITS = {unit: factor for units in _BY_DIMENSION.values() for unit, factor in units.items()}
-"""Unit -> the factor that makes SI of a number in it."""
+"""Unit -> the factor from a number in this unit to SI."""
 DIMENSIONS = {unit: name for name, units in _BY_DIMENSION.items() for unit in units}
-"""Unit -> what is measured in it, in words."""
+"""Unit -> the quantity that it measures, in words."""
 RATES = {LENGTH: SPEED, SPEED: ACCELERATION, ANGLE: TURN, TURN: "an angular acceleration"}
-"""Dimension -> that of its rate of change, as far as it has a unit here."""
+"""Quantity -> the quantity of its rate of change, if that has a unit here."""
 
 
 def factor_between(unit: str, declared: str) -> float | None:
     """Gives the factor from numbers in `unit` to numbers in `declared`; None if there is none.
 
-    A program without a unit ("") counts in SI. A unit that is not in UNITS (`m^2`, `Ah`) stays: it
-    fits the same unit or none.
+    A `declared` unit of "" means SI. A `unit` that is not in UNITS (`m^2`, `Ah`) has the factor 1,
+    to itself and to ""; it has none to any other unit.
     """
     if declared == unit:
         return 1.0
@@ -77,14 +77,14 @@ def factor_between(unit: str, declared: str) -> float | None:
     return UNITS[unit] / UNITS[declared]
 
 
-def cycle(unit: str | None, declared: str) -> float:
-    """Gives a whole turn in the unit of a leaf (default: rad); infinite if it is no angle."""
+def full_turn(unit: str | None, declared: str) -> float:
+    """Gives a full turn in the unit of a leaf (default: rad); infinity if it is no angle."""
     is_angle = DIMENSIONS.get(declared or unit or "") == ANGLE
     return math.tau / UNITS.get(declared, 1.0) if is_angle else math.inf
 
 
-def _covariance(field: str, linear: str, mixed: str, angular: str) -> dict[str, str]:
-    """Gives the units of a row-major 6 x 6 covariance, three linear numbers, then angular."""
+def _covariance_units(field: str, linear: str, mixed: str, angular: str) -> dict[str, str]:
+    """Gives the unit of each element of a row-major 6 x 6 covariance: 3 linear, 3 angular axes."""
     units = (linear, mixed, angular)
     return {f"{field}.{6 * i + j}": units[i // 3 + j // 3] for i in range(6) for j in range(6)}
 
@@ -94,15 +94,15 @@ STANDARD_UNITS = {
     "geometry_msgs/Point": {"[xyz]": "m"},
     "geometry_msgs/Point32": {"[xyz]": "m"},
     "geometry_msgs/Pose2D": {"[xy]": "m", "theta": "rad"},
-    "geometry_msgs/PoseWithCovariance": _covariance("covariance", "m^2", "m*rad", "rad^2"),
+    "geometry_msgs/PoseWithCovariance": _covariance_units("covariance", "m^2", "m*rad", "rad^2"),
     "geometry_msgs/Quaternion": {"[xyzw]": "1"},
     "geometry_msgs/Transform": {"translation.*": "m"},
     "geometry_msgs/Twist": {"linear.*": "m/s", "angular.*": "rad/s"},
-    "geometry_msgs/TwistWithCovariance": _covariance(
+    "geometry_msgs/TwistWithCovariance": _covariance_units(
         "covariance", "m^2/s^2", "m*rad/s^2", "rad^2/s^2"
     ),
     "geometry_msgs/Accel": {"linear.*": "m/s^2", "angular.*": "rad/s^2"},
-    "geometry_msgs/AccelWithCovariance": _covariance(
+    "geometry_msgs/AccelWithCovariance": _covariance_units(
         "covariance", "m^2/s^4", "m*rad/s^4", "rad^2/s^4"
     ),
     "geometry_msgs/Wrench": {"force.*": "N", "torque.*": "Nm"},
@@ -140,15 +140,15 @@ STANDARD_UNITS = {
     "sensor_msgs/LaserScan": _SCAN,
     "sensor_msgs/MultiEchoLaserScan": _SCAN,
 }
-"""Type, of which a field may be a part -> patterns of its fields -> their unit."""
+"""Message type -> pattern of field paths in it -> the unit of those fields."""
 
 
 def standard_unit(message: MessageType, path: str) -> str | None:
-    """Gives the unit of a field, from the outermost type that says one; else None."""
+    """Gives the unit of a field from the outermost type that has one for it; None without one."""
     by_message = message.unit(path)
     if by_message is not None:
         return by_message
-    for owner, rest in message.owners(path):
+    for owner, rest in message.owning_types(path):
         for pattern, unit in STANDARD_UNITS.get(owner, {}).items():
             if fnmatchcase(rest, pattern):
                 return unit

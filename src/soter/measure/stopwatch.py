@@ -19,7 +19,7 @@ import numpy as np
 
 from soter.codegen.unit import generate
 from soter.core.layout import encode_into, state_dtype
-from soter.language.model.system import Bound, Component, System, queues_of
+from soter.language.model.system import Bound, Component, System, queues_read_by
 from soter.language.model.types import (
     ArrayType,
     BoolType,
@@ -66,7 +66,7 @@ def topics_read(system: System, c: Component) -> tuple[int, ...]:
         topics: set[int] = set(system.modules[c.module].reads)
     else:
         topics = set() if c.node is None else {*c.reads}
-    return tuple(sorted(topics - set(queues_of(system, c))))
+    return tuple(sorted(topics - set(queues_read_by(system, c))))
 
 
 def vary_states(
@@ -74,8 +74,8 @@ def vary_states(
 ) -> Bytes:
     """`count` copies (count, size) of states (n, size), with random values of what `c` reads.
 
-    Its topics take values of their sets, published at the time of the state. In one of eight all
-    numbers are at an end of their sets, and lists are full.
+    Its topics take values of their sets, published at the time of the state. In one copy of eight
+    all numbers are at an end of their sets, and lists are full.
     """
     variants: Bytes = states[[rng.randrange(len(states)) for _ in range(count)]].copy()
     group = next(g for g in layout.groups if g.owner < 0)
@@ -89,26 +89,26 @@ def vary_states(
         row = bytearray(variants[k].tobytes())
         for index in topics_read(system, c):
             topic = system.topics[index]
-            value = _draw(topic.type, iter(topic.bounds), rng, ends=ends)
+            value = _any_value(topic.type, iter(topic.bounds), rng, ends=ends)
             encode_into(row, at[topic.name], topic.type, value)
             row[stamp_at(index) : stamp_at(index) + 8] = row[:8]  # ct is the first of a state
         variants[k] = np.frombuffer(row, dtype=np.uint8)
     return variants
 
 
-def _draw(t: Type, bounds: Iterator[Bound | None], rng: random.Random, *, ends: bool) -> Value:
+def _any_value(t: Type, bounds: Iterator[Bound | None], rng: random.Random, *, ends: bool) -> Value:
     if isinstance(t, RecordType):
-        return tuple(_draw(f, bounds, rng, ends=ends) for _, f in t.fields)
+        return tuple(_any_value(f, bounds, rng, ends=ends) for _, f in t.fields)
     if isinstance(t, ArrayType):
-        return tuple(_draw(t.element, bounds, rng, ends=ends) for _ in range(t.size))
+        return tuple(_any_value(t.element, bounds, rng, ends=ends) for _ in range(t.size))
     if isinstance(t, ListType):
         n = t.capacity if ends else rng.randint(0, t.capacity)
         of = [next(bounds, None) for _ in leaves(t.element)]
-        return tuple(_draw(t.element, iter(of), rng, ends=ends) for _ in range(n))
-    return _draw_scalar(t, next(bounds, None), rng, ends=ends)
+        return tuple(_any_value(t.element, iter(of), rng, ends=ends) for _ in range(n))
+    return _any_scalar(t, next(bounds, None), rng, ends=ends)
 
 
-def _draw_scalar(t: Type, bound: Bound | None, rng: random.Random, *, ends: bool) -> float | int:
+def _any_scalar(t: Type, bound: Bound | None, rng: random.Random, *, ends: bool) -> float | int:
     if isinstance(t, BoolType):
         return rng.random() < 0.5
     if isinstance(t, EnumType):
@@ -151,7 +151,7 @@ class StepTimes:
 
     @property
     def line(self) -> str:
-        """The line to write into the node, or into the `rta`."""
+        """The line of source that declares the suggested `wcet`, for the node or the `rta`."""
         return f"wcet {write_ns(self.wcet_ns)};"
 
 
@@ -197,7 +197,7 @@ def timed_components(system: System) -> list[Component]:
 def step_times(
     system: System, c: Component, took: npt.NDArray[np.int64], faulted: int = 0, *, margin: float
 ) -> StepTimes:
-    """The figures of a component's times, (samples,) in ns; `faulted`: how many steps faulted."""
+    """The summary of a component's measured times, (samples,) in ns; `faulted`: faulted steps."""
     longest = int(took.max())
     if c.node is not None:
         declared = c.node.name

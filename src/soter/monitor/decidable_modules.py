@@ -1,6 +1,6 @@
 """Finds the modules that a log can decide.
 
-Purpose: `decidable` finds the nodes of the program that can run on the topics of a log, the
+Purpose: `replay_plan` finds the nodes of the program that can run on the topics of a log, the
 modules that then have all that their decision modules read, and what the others miss and why.
 Non-goals: running anything (`log_replay.py`); whether a read is young enough (`topics_heard.py`).
 """
@@ -31,11 +31,11 @@ class Missing:
 
 
 @dataclass(frozen=True)
-class Decidable:
+class ReplayPlan:
     """The nodes to run (component indices), the modules to decide, and what others miss.
 
-    `blind`: decided modules whose `safe` reads topics that are not known, and these. `unheard`:
-    decided modules that give control back after a press, of which nothing is known, and its topics.
+    By module: `missing`: topics that it misses to be decided; `blind`: unknown topics that `safe`
+    of a decided one reads; `unheard`: unknown topics of a press that would give control back.
     """
 
     nodes: tuple[int, ...]
@@ -45,8 +45,8 @@ class Decidable:
     unheard: dict[int, tuple[Missing, ...]]
 
 
-def decidable(system: System, mapped: Iterable[int]) -> Decidable:
-    """Finds the modules that can be judged from these topics (indices), and what others lack."""
+def replay_plan(system: System, mapped: Iterable[int]) -> ReplayPlan:
+    """The nodes and modules that can run on these topics (indices), and what the others lack."""
     search = _Search(system, frozenset(mapped))
     search.remove_undecidable()
     modules = tuple(m.index for m in system.modules if m.index in search.modules)
@@ -59,7 +59,7 @@ def decidable(system: System, mapped: Iterable[int]) -> Decidable:
             blind[m] = lost
         if lost := search.missing_topics(_reads_of_dm(system, system.modules[m])):
             unheard[m] = lost
-    return Decidable(search.needed_nodes(), modules, missing, blind, unheard)
+    return ReplayPlan(search.needed_nodes(), modules, missing, blind, unheard)
 
 
 def topics_of_safe(module: Module) -> set[int]:
@@ -67,7 +67,7 @@ def topics_of_safe(module: Module) -> set[int]:
     return {module.scope.topics[topic] for topic in topic_reads(module.symbol.safe)}
 
 
-def topics_behind(system: System, nodes: Iterable[int], topics: Iterable[int]) -> set[int]:
+def source_topics(system: System, nodes: Iterable[int], topics: Iterable[int]) -> set[int]:
     """These topics, and all topics that `nodes` read to publish them, directly or indirectly."""
     reads = {n: reads_of_node(system, system.components[n]) for n in nodes}
     writes = {n: writes_of_node(system.components[n]) for n in nodes}
@@ -114,7 +114,7 @@ class _Search:
             wanted |= {i for n in new for i in self.reads[n]}
 
     def why_undecided(self, module: Module) -> tuple[Missing, ...]:
-        """The topics at the roots of why a module cannot be decided."""
+        """The reasons why a module cannot be decided: what it misses, traced back to the log."""
         missing_by_name: dict[str, Missing] = {}
         have = self._known_topics()
         for name in self._extern_functions(module):
@@ -123,24 +123,24 @@ class _Search:
             if other not in self.modules and other != module.index:
                 name = self.system.modules[other].name
                 missing_by_name[name] = Missing(name, "whose mode it reads")
-        self._enter_roots(_topics_of_inputs(self.system, module) - have, missing_by_name, set())
+        self._enter_missing(_topics_of_inputs(self.system, module) - have, missing_by_name, set())
         return tuple(missing_by_name.values())
 
     def missing_topics(self, topics: set[int]) -> tuple[Missing, ...]:
-        """The roots of why these topics, which a decided module reads as well, are not known."""
+        """The missing topics that explain why some of these topics are not known."""
         missing_by_name: dict[str, Missing] = {}
-        self._enter_roots(topics - self._known_topics(), missing_by_name, set())
+        self._enter_missing(topics - self._known_topics(), missing_by_name, set())
         return tuple(missing_by_name.values())
 
     # ------------------------------------------------------------ what is there
 
     def _known_topics(self) -> set[int]:
-        """The topics of the log, those of nodes that run, and those that nobody ever changes."""
+        """The topics of the log and of nodes that run, and those that nobody ever changes."""
         nobody = {t.index for t in self.system.topics if not t.driver and t.queue_of is None}
         return {*self.mapped, *nobody}.union(*(self.writes[n] for n in self.nodes))
 
     def _why_not_run(self, c: Component) -> str:
-        """Says why a node can never be run, "" where it can."""
+        """The reason why a node can never be run, in words; "" if it can."""
         if c.extern:
             return "an extern"
         if self.writes[c.index] & self.mapped:
@@ -169,7 +169,7 @@ class _Search:
 
     # ------------------------------------------------------------ why not
 
-    def _enter_roots(
+    def _enter_missing(
         self, topics: Iterable[int], missing_by_name: dict[str, Missing], asked: set[int]
     ) -> None:
         for i in sorted(topics):
@@ -185,7 +185,7 @@ class _Search:
                 why = f"which `{nodes[0].name}` publishes, {self._why_not_run(nodes[0])}"
             elif nodes:
                 lost = self.reads[nodes[0].index] - self._known_topics()
-                self._enter_roots(lost, missing_by_name, asked)
+                self._enter_missing(lost, missing_by_name, asked)
                 if lost:
                     continue
                 why = f"which `{nodes[0].name}` publishes, for a module that is not decided"

@@ -35,24 +35,24 @@ def window_slopes(times_s: Floats, values: Floats, window_s: float) -> Floats:
     first = np.searchsorted(times_s, times_s - window_s * (1 + 1e-9), side="left")
     for i in range(1, len(times_s)):
         a = min(int(first[i]), max(i + 1 - LEAST, 0))
-        derivatives[i] = _slope(times_s[a : i + 1] - times_s[i], values[a : i + 1])
+        derivatives[i] = _slope_at_end(times_s[a : i + 1] - times_s[i], values[a : i + 1])
     return derivatives
 
 
-def begin_of_turn(values: Sequence[float], turn: float) -> float:
-    """The begin of the turn that angles keep to: around 0, at 0, around their middle; or NaN."""
+def least_angle(values: Sequence[float], turn: float) -> float:
+    """The least angle of the one turn in which all values lie: -turn/2, 0 or another; else NaN."""
     low, high, slack = min(values), max(values), ROUNDED * turn
     begins = (-turn / 2, 0.0, (low + high - turn) / 2) if math.isfinite(turn) else ()
     return next((a for a in begins if a - slack <= low and high <= a + turn + slack), math.nan)
 
 
-def value_ahead(a: float, b: float, share: float, turn: float, begin: float) -> float:
+def value_on_line(a: float, b: float, share: float, turn: float, begin: float) -> float:
     """The value on the line from a to b, extended beyond b by `share` of the way between them."""
     x = b + share * math.remainder(b - a, turn)
     return x if math.isnan(begin) or 0 <= x - begin <= turn else begin + (x - begin) % turn
 
 
-def _slope(d: Floats, y: Floats) -> float:
+def _slope_at_end(d: Floats, y: Floats) -> float:
     """The slope at d = 0 of the parabola through points, or of the line through two; d, y: (k,)."""
     if len(d) < LEAST:
         return float((y[1] - y[0]) / (d[1] - d[0]))
@@ -60,9 +60,9 @@ def _slope(d: Floats, y: Floats) -> float:
     e, y0 = d / unit, y - y[0]
     s = [float(len(e)), *(float((e**k).sum()) for k in (1, 2, 3, 4))]
     t0, t1, t2 = (float((e**k * y0).sum()) for k in (0, 1, 2))
-    whole = _determinant((s[0], s[1], s[2]), (s[1], s[2], s[3]), (s[2], s[3], s[4]))
-    part = _determinant((s[0], t0, s[2]), (s[1], t1, s[3]), (s[2], t2, s[4]))
-    return part / whole / unit
+    denominator = _determinant((s[0], s[1], s[2]), (s[1], s[2], s[3]), (s[2], s[3], s[4]))
+    numerator = _determinant((s[0], t0, s[2]), (s[1], t1, s[3]), (s[2], t2, s[4]))
+    return numerator / denominator / unit
 
 
 def _determinant(
@@ -78,18 +78,18 @@ def _determinant(
 def slope_errors(times_s: Floats, values: Floats, window_s: float, derivatives: Floats) -> Floats:
     """How far the slopes are from those over half the window; times_s, values, derivatives: (n,).
 
-    Where both windows hold the same samples that says nothing and is left out.
+    Samples for which both windows hold the same samples say nothing and are left out.
     """
     half = window_slopes(times_s, values, window_s / 2)
     gaps = np.abs(derivatives - half)
     return gaps[gaps > 0.0]
 
 
-def ahead_errors(times_s: Floats, values: Floats, gap_s: float) -> Floats:
+def line_errors(times_s: Floats, values: Floats, gap_s: float) -> Floats:
     """How far samples are off the line through the two before them, (m,): times_s, values (n,).
 
-    That is as far as such a line is followed, so its error is hardly ever more. Only of samples
-    that follow one another within `gap_s`.
+    A line is used until the next sample, so its error is hardly ever larger. Only samples that
+    follow one another within `gap_s` count.
     """
     if len(times_s) < LEAST:
         return np.zeros(0)
@@ -99,8 +99,8 @@ def ahead_errors(times_s: Floats, values: Floats, gap_s: float) -> Floats:
     return np.asarray(np.abs(values[2:] - line)[near], dtype=np.float64)
 
 
-def quantiles(errors: Floats) -> tuple[float, float, float] | None:
-    """Half of the errors, 95 % of them and all are below; errors (n,). None of nothing measured."""
+def error_quantiles(errors: Floats) -> tuple[float, float, float] | None:
+    """The 50 %, 95 % and 100 % quantiles of errors (n,); None if there are no errors."""
     if not len(errors):
         return None
     low, high, most = np.quantile(errors, [0.5, 0.95, 1.0])

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 
 
 STUCK, STUCK_SHARE = 20, 0.1
-"""How many last samples, and what share of all, have to be one value before a doubt is told."""
+"""How many last samples, and which share of all, must be one value for a note of doubt."""
 ANOTHER_PACE = 300.0
-"""A pace that differs so many times: units of time differ 1,000 times, rates of logs do not."""
+"""A pace that differs by this factor is in doubt: units of time differ by 1,000, rates less."""
 
 
 def doubt_notes(system: System, samples: Iterable[TopicSamples]) -> list[str]:

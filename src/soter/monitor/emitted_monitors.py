@@ -41,7 +41,7 @@ from soter.monitor.linear_model import (
     linear_model,
     parameter_leaves,
 )
-from soter.monitor.model_membership import ROUNDING, observation_map, topic_names
+from soter.monitor.model_membership import ROUNDING, flying_topic_names, observation_map
 from soter.simulate.run_options import param_values
 from soter.verify.problem.extract import problem_of_sets
 
@@ -64,17 +64,17 @@ FORM = 2
 """The version of the text that is written: a new one makes all earlier files stale."""
 
 
-def record_line(
+def origin_line(
     system: System, module: str, problem: Problem, params: Mapping[str, object] | None
 ) -> str:
     """The line of an emitted file that says what its monitor was made of."""
-    made = {
+    made_of = {
         "system": system.name,
         "module": module,
         "params": dict(params or {}),
         "model": model_fingerprint(problem),
     }
-    return RECORD + json.dumps(made)
+    return RECORD + json.dumps(made_of)
 
 
 def model_fingerprint(problem: Problem) -> str:
@@ -86,24 +86,24 @@ def model_fingerprint(problem: Problem) -> str:
         cases.append([parameter, *((a + 0.0).tolist() for a in arrays)])  # -0.0 is 0.0
     q = problem.quantities
 
-    def topic(index: int) -> str:  # as it is declared, whoever imports it by whatever name
+    def declared_name(index: int) -> str:  # without the names by which files import each other
         return problem.system.topics[index].name.rpartition(".")[2]
 
-    made = [
+    made_of = [
         FORM,
         problem.kind,
         problem.plant_period_ns,
         cases,
         [leaf.name for leaf in q.states],
-        [(topic(leaf.owner), leaf.path) for leaf in q.controls],
-        [(topic(t), path) for t, path in driven_leaves(problem)],
-        [(topic(t), path) for t, path in parameter_leaves(problem)],
+        [(declared_name(leaf.owner), leaf.path) for leaf in q.controls],
+        [(declared_name(t), path) for t, path in driven_leaves(problem)],
+        [(declared_name(t), path) for t, path in parameter_leaves(problem)],
         [
-            (topic(leaf.owner), leaf.path, r.high)
+            (declared_name(leaf.owner), leaf.path, r.high)
             for leaf, r in zip(q.errors, problem.errors, strict=True)
         ],
     ]
-    return hashlib.sha256(json.dumps(made).encode()).hexdigest()
+    return hashlib.sha256(json.dumps(made_of).encode()).hexdigest()
 
 
 def stale_monitors(checked: CheckResult) -> list[Diagnostic]:
@@ -112,7 +112,7 @@ def stale_monitors(checked: CheckResult) -> list[Diagnostic]:
     stale = []
     for file in checked.loaded.files:
         if EMITTED in file.source.text:
-            wrong = _staleness(checked, file)
+            wrong = _staleness_diagnostic(checked, file)
             stale += [wrong] if wrong is not None else _other_system_warnings(checked, file)
     return stale
 
@@ -121,7 +121,7 @@ def _other_system_warnings(checked: CheckResult, file: LoadedFile) -> list[Diagn
     """Warnings of systems with this monitor whose `set` gives its module another model."""
     text = file.source.text
     line = text[text.index(RECORD) + len(RECORD) :].split("\n", 1)[0]
-    made = json.loads(line)
+    made_of = json.loads(line)
     others = []
     for name, symbol in checked.systems.items():
         if not symbol.sets:
@@ -132,17 +132,17 @@ def _other_system_warnings(checked: CheckResult, file: LoadedFile) -> list[Diagn
         ):
             continue
         modules = [
-            m for m in flat.modules if m.name.split(".")[-1] == made["module"].split(".")[-1]
+            m for m in flat.modules if m.name.split(".")[-1] == made_of["module"].split(".")[-1]
         ]
         try:
             other = any(
-                model_fingerprint(problem_of_sets(flat, m)) != made["model"] for m in modules
+                model_fingerprint(problem_of_sets(flat, m)) != made_of["model"] for m in modules
             )
-        except SoterError as error:  # no monitor can be made of it, and this one was
+        except SoterError as error:  # this system's model allows no monitor
             others.append(_other_system_warning(symbol, error.diagnostics[0].message))
             continue
         if other:
-            why = f"by its `set`; the monitor is of `{made['system']}`"
+            why = f"by its `set`; the monitor is of `{made_of['system']}`"
             others.append(_other_system_warning(symbol, why))
     return others
 
@@ -159,19 +159,19 @@ def _other_system_warning(symbol: SystemSymbol, why: str) -> Diagnostic:
     )
 
 
-def _staleness(checked: CheckResult, file: LoadedFile) -> Diagnostic | None:
+def _staleness_diagnostic(checked: CheckResult, file: LoadedFile) -> Diagnostic | None:
     text = file.source.text
     at = text.find(RECORD)
     start = at if at >= 0 else text.index(EMITTED)
-    end = text.find("\n", start)
-    end = end if end >= 0 else len(text)
-    where = Span(file.source, start, start + len(RECORD) - 1 if at >= 0 else end)
+    end_code = text.find("\n", start)
+    end_code = end_code if end_code >= 0 else len(text)
+    where = Span(file.source, start, start + len(RECORD) - 1 if at >= 0 else end_code)
     watched = file.imports.get("watched")
     again = f"`soter monitor {watched.source.name if watched else 'FILE'} --emit {file.source.name}"
     try:
-        made = json.loads(text[at + len(RECORD) : end]) if at >= 0 else {}
-        system, module = str(made["system"]), str(made["module"])
-        model, params = made["model"], dict(made["params"])
+        made_of = json.loads(text[at + len(RECORD) : end_code]) if at >= 0 else {}
+        system, module = str(made_of["system"]), str(made_of["module"])
+        model, params = made_of["model"], dict(made_of["params"])
     except (KeyError, TypeError, ValueError):
         return _stale_diagnostic(where, "it does not say of which model it was made", again + "`")
     alarm = re.search(r"publishes watched\.([\w.]+)", text)
@@ -212,7 +212,7 @@ def _fingerprint_now(
 
 
 def _full_name(file: LoadedFile, name: str) -> str:
-    """The name in the whole program of what a file calls `name`."""
+    """The full name, in the whole program, of the declaration that a file calls `name`."""
     first, _, rest = name.partition(".")
     inner = file.imports.get(first) if rest else None
     return file.prefix + name if inner is None else _full_name(inner, rest)
@@ -234,7 +234,7 @@ NODE = "ModelMonitor"
 def monitor_source(
     problem: Problem, imported: str, names: dict[int, str], alarm: str | None, record: str
 ) -> str:
-    """Writes the text of a file with the monitor's node; SoterError U001 where there can be none.
+    """The text of a file with the monitor's node; SoterError U001 where there can be none.
 
     `imported`: path of the program, for the `import`; `names`: by topic index its name, with the
     alias `watched.`; `alarm`: a bool topic of the program to publish, or None for a new one;
@@ -272,12 +272,12 @@ def _head_lines(problem: Problem, imported: str, alarm: str | None, record: str)
 
 
 def _delay_comments(problem: Problem) -> list[str]:
-    """Comments that say after how long a constant disturbance beyond its bound is told, at most.
+    """Comments that say after how long, at most, a constant disturbance beyond its bound alarms.
 
-    Of a state x' = -k x + known + w, |w| <= W, seen within E, a disturbance W + d moves the true x
-    from the end of the box, which is at most 2 E away, to where an estimate must lie beyond the
-    box: d / k (1 - e^-kT) > 2 E (1 + e^-kT), that is T > 2 / k atanh(2 E k / d), or 4 E / d for k =
-    0.
+    For a state x' = -k x + known + w with |w| <= W, estimated within an error E: a disturbance
+    W + d moves the true x from the end of the box, which is at most 2 E away, so far that every
+    estimate lies outside the box: d / k (1 - e^-kT) > 2 E (1 + e^-kT). So the time T is at most
+    2 / k atanh(2 E k / d), or 4 E / d for k = 0.
     """
     if problem.kind != "flow" or problem.parameters:
         return []
@@ -381,14 +381,14 @@ def _case_lines(
 
 
 def _interval_end_code(predicted: str, seen: str, meet: str) -> str:
-    """The code of an interval's end after a step: the tighter of both ends, or begun anew."""
+    """The code of an interval's end after a step: the tighter of both, after an alarm `seen`."""
     return f"!seen ? {predicted} : known && !alarmed ? {meet}({predicted}, {seen}) : {seen}"
 
 
 def _state_lines(i: int, phi: Floats, gamma: Floats, c: float, reach: float) -> list[str]:
     """The code of `from` and `to`: the ends of a state's interval one period later."""
 
-    def end(upper: bool) -> str:
+    def end_code(upper: bool) -> str:
         terms = []
         for j, f in enumerate(phi):
             terms.append((float(f), f"{'high' if (f > 0) == upper else 'low'}[{j}]"))
@@ -396,7 +396,7 @@ def _state_lines(i: int, phi: Floats, gamma: Floats, c: float, reach: float) -> 
         margin = reach * (1 + ROUNDING) + ROUNDING * (1 + abs(c))
         return _sum_code(terms, c + (margin if upper else -margin))
 
-    return [f"      let from{i} = {end(False)};", f"      let to{i} = {end(True)};"]
+    return [f"      let from{i} = {end_code(False)};", f"      let to{i} = {end_code(True)};"]
 
 
 def _number_code(x: float) -> str:
@@ -432,13 +432,13 @@ def write_monitor(
     problem = problem_of_sets(system, module)
     names = {
         i: n if "." in n else f"watched.{n}"
-        for i, n in topic_names(system, module, problem).items()
+        for i, n in flying_topic_names(system, module, problem).items()
     }
     imported = os.path.relpath(program, target.parent or ".")
     topic = None if alarm is None else f"watched.{alarm}"
-    record = record_line(system, module.name, problem, params)
+    record = origin_line(system, module.name, problem, params)
     text = monitor_source(problem, imported, names, topic, record)
-    found = check_file(str(target), text).diagnostics.items  # alone nobody drives what it reads
+    found = check_file(str(target), text).diagnostics.items  # M005: its topics lack a driver
     if wrong := [d for d in found if d.severity is Severity.ERROR and d.code != "M005"]:
         raise SoterError(tuple(wrong))
     try:

@@ -23,7 +23,7 @@ from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import mistake
 from soter.monitor.linear_model import linear_model
 from soter.monitor.model_membership import Models, RecordReader, judge_run
-from soter.version import pip_install
+from soter.version import pip_command
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -38,20 +38,20 @@ if TYPE_CHECKING:
     """The modules that are judged, and their problems, at some values of parameters."""
 
 FLOOR, CEILING = 2.0**-20, 2.0**10
-"""The factors of a bound beyond which none is looked for."""
+"""The least and the greatest factor of a bound that is tried."""
 TOLERANCE = 1e-3
-"""How much greater, at most, a factor may be than the least one."""
+"""The relative error that a found factor may have: it may be that much above the least one."""
 ROUNDS = 2
 """Offsets are shares of bounds: with better bounds the model is fitted again."""
 WEAK = 1e-6
-"""A share of the strongest direction of parameters below which offsets do not show one."""
+"""Offsets do not show a direction of parameters that is weaker than this share of the strongest."""
 STILL = 1e-9
 """A command that moves by no more than this share of its set was not excited."""
 
 
 @dataclass(frozen=True)
 class Episode:
-    """One recorded run that counts as one draw: `name` says of which log, and from when."""
+    """One recorded run that counts as one draw; `name` says which log it is from, and from when."""
 
     name: str
     record: RecordedRun
@@ -80,12 +80,12 @@ class EpisodeAlarm:
 
 @dataclass(frozen=True)
 class Identification:
-    """The fit. `values`: of parameters that the episodes determine; `kept`: open, but not shown.
+    """The result of a fit: `values` of the parameters that the episodes determine.
 
-    `held_out`: N; `rate`: 1/(N+1); `factor`: the least by which bounds of the training half had to
-    be scaled for the held-out half, below 1 none; `excitation`: command -> the share of its set
-    that was seen, 0 or 1 of an endless one; `alarm`: None where every step is explained;
-    `ranges`: in which each open parameter may lie.
+    `kept`: open parameters that the episodes do not determine. `held_out`: the number N of held-out
+    episodes. `factor`: by how much the bounds of the training half had to grow for these, 1 or less
+    if not at all. `excitation`: by command the share of its set that it used, 0 or 1 of an endless
+    set. `alarm`: None if every step is explained. `ranges`: the limits of each open parameter.
     """
 
     values: Mapping[str, float]
@@ -107,7 +107,7 @@ class Identification:
 
     @property
     def rate(self) -> float:
-        """The greatest probability with which a new episode, drawn alike, is not explained."""
+        """1/(N+1): the greatest probability that a new episode, drawn alike, is not explained."""
         return 1 / (self.held_out + 1)
 
     @property
@@ -189,7 +189,7 @@ def _first_alarm(episode: Episode, j: Judgement) -> EpisodeAlarm:
 def _classified_parameter(
     pose: Callable[[Mapping[str, float]], Posed], p: OpenParameter, start: Mapping[str, float]
 ) -> OpenParameter | None:
-    """The parameter with `bound` set if it is one; None if no problem depends on it."""
+    """The parameter, marked if it is a bound; None if no problem depends on it."""
     wider = min(2 * p.start, p.high) if p.start > 0 else p.high
     narrower = ((p.low + p.start) / 2, p.start / 2 or 1.0)
     other = next(v for v in (wider, *narrower) if v != p.start and np.isfinite(v))
@@ -200,7 +200,7 @@ def _classified_parameter(
     if not in_sets:
         return p if in_plants else None
     less, more = (sets, wide) if other > p.start else (wide, sets)
-    widens = less.shape != more.shape or (less <= more).all()  # an interval from 0 to 0 is none
+    widens = less.shape != more.shape or (less <= more).all()  # [0, 0] counts as no interval
     if in_plants or not widens:
         text = f"`{p.name}` is no bound that, as it grows, widens intervals and does nothing else"
         raise mistake("U001", text, "write a parameter of its own: `disturbance w in [-W, W];`")
@@ -211,7 +211,7 @@ def _classified_parameter(
 
 
 def _plant_and_set_numbers(posed: Posed) -> tuple[Floats, Floats]:
-    """All entries of the plants' matrices, and all reaches of sets up and down."""
+    """All entries of the plants' matrices, (entries,), and all ends of sets as (high, -low)."""
     plants, sets = [np.zeros(0)], [np.zeros(0)]
     for _, _, problem in posed:
         m = linear_model(problem, tuple(p.values[0] for p in problem.parameters))
@@ -247,7 +247,7 @@ class _Fit:
         self.bounds = [p.name for p in parameters if p.bound]
         self._estimates, self._truths = estimates, truths
         self.tried: dict[str, float] = {}
-        """The bounds that were tried last in vain."""
+        """The bounds that were last tried without success."""
 
     def judgements(
         self, values: Mapping[str, float], episodes: Sequence[Episode]
@@ -265,7 +265,7 @@ class _Fit:
     def fitted_model(
         self, start: Mapping[str, float], training: Sequence[Episode], without: Sequence[str] = ()
     ) -> tuple[dict[str, float], list[str]]:
-        """The least-squares model parameters; and the names of those that offsets do not show."""
+        """The least-squares parameters of the model, and those that offsets do not determine."""
         free = [p for n, p in self.known.items() if not p.bound and n not in without]
         start = {**start, **{n: self.known[n].start for n in without}}
         if not free:
@@ -334,10 +334,10 @@ class _Fit:
     def shrink_bounds(
         self, values: dict[str, float], training: Sequence[Episode]
     ) -> list[str] | None:
-        """Puts the least bounds that explain `training` into `values`; names those needed.
+        """Puts the least bounds that explain `training` into `values`; names the needed ones.
 
-        All are scaled alike first, then each by itself, in the order in which they are declared; a
-        bound that is not needed stays as declared. None where no bounds explain the episodes.
+        All bounds are first scaled by one factor, then each by itself, in their declared order. A
+        bound that is not needed stays as declared. None: no bounds explain the episodes.
         """
         factor = self.least_factor(values, self.bounds, training)
         if factor is None:
@@ -354,11 +354,11 @@ class _Fit:
 
 
 def _scipy_least_squares() -> Callable[..., Any]:
-    """The function of SciPy; SoterError D007 where it is not installed."""
+    """SciPy's `least_squares`; SoterError D007 where SciPy is not installed."""
     try:
         from scipy import optimize  # noqa: PLC0415 - an extra, slow to import
     except ModuleNotFoundError:
         text = "model parameters are fitted with the package `scipy`, which is not installed"
-        raise mistake("D007", text, f"install it: {pip_install('identify')}") from None
+        raise mistake("D007", text, f"install it: {pip_command('identify')}") from None
     solve: Callable[..., Any] = optimize.least_squares
     return solve

@@ -1,4 +1,4 @@
-"""Verification plants as matrices, found by evaluating them.
+"""Finds the matrices of verification plants by evaluating the plants.
 
 Purpose: `linear_model` gives, for monitors, x' (flows) or the next x (maps) = A x + B u + c + W d,
 and the driven topics y = M x + m, for one combination of parameter values.
@@ -43,7 +43,7 @@ QUADRATURE = 64
 
 @dataclass(frozen=True, kw_only=True)
 class LinearModel:
-    """The matrices of rates (`kind` "flow") or of the next state ("map"); `d_max`: largest |d|."""
+    """The matrices of rates (`kind` "flow") or next states ("map"); |d - d_mid| <= `d_max`."""
 
     kind: str
     a: Floats
@@ -78,13 +78,13 @@ class Plants:
         self.states, self.controls = q.states, q.controls
         self.disturbances, self.parameters = q.disturbances, q.parameters
         self.plants = [x for x in problem.system.components if x.plant is not None]
-        self.evaluators = {x.index: Evaluator.of(x.scope) for x in self.plants}
+        self.evaluators = {x.index: Evaluator.for_scope(x.scope) for x in self.plants}
         self.driven = driven_leaves(problem)
 
-    def _environment(
+    def _environments(
         self, x: Floats, u: Floats, d: Floats, parameter: Sequence[int]
     ) -> dict[int, Any]:
-        """By component its environment: all topics at their defaults but the controls."""
+        """The environment of each plant by its index; topics but the controls have defaults."""
         system = self.problem.system
         topics = [t.default for t in system.topics]
         for leaf, value in zip(self.controls, u, strict=True):
@@ -102,7 +102,7 @@ class Plants:
             self._fill_variables(c.index, env, self.parameters, list(parameter))
             self._fill_variables(c.index, env, self.disturbances, [float(v) for v in d])
             for variable, e in c.plant.lets:
-                env.variables[variable] = self.evaluators[c.index].expression(e)(env)
+                env.variables[variable] = self.evaluators[c.index].compiled(e)(env)
             environments[c.index] = env
         return environments
 
@@ -117,7 +117,7 @@ class Plants:
 
     def state_rates(self, x: Floats, u: Floats, d: Floats, parameter: Sequence[int]) -> Floats:
         """Rates, or next states, (states,), at x (states,), u (controls,), d (disturbances,)."""
-        envs = self._environment(x, u, d, parameter)
+        envs = self._environments(x, u, d, parameter)
         out = []
         for leaf in self.states:
             c = self.problem.system.components[leaf.owner]
@@ -127,7 +127,7 @@ class Plants:
             if e is None:
                 out.append(0.0)
                 continue
-            value = self.evaluators[leaf.owner].expression(e)(envs[leaf.owner])
+            value = self.evaluators[leaf.owner].compiled(e)(envs[leaf.owner])
             out.append(leaf_number(v.type, value, leaf.path))
         return np.array(out, dtype=np.float64)
 
@@ -147,13 +147,13 @@ class Plants:
 
     def _driven_topics(self, x: Floats, parameter: Sequence[int]) -> dict[int, Value]:
         zero = [np.zeros(len(p)) for p in (self.controls, self.disturbances)]
-        envs = self._environment(x, zero[0], zero[1], parameter)
+        envs = self._environments(x, zero[0], zero[1], parameter)
         values: dict[int, Value] = {}
         for c in self.plants:
             assert c.plant is not None
             for topic, e in c.plant.drives:
                 index = c.scope.topics[topic]
-                values[index] = self.evaluators[c.index].expression(e)(envs[c.index])
+                values[index] = self.evaluators[c.index].compiled(e)(envs[c.index])
         return values
 
 
@@ -227,7 +227,7 @@ def linear_model(problem: Problem, parameter: Sequence[int]) -> LinearModel:
 
 
 def not_affine_error(problem: Problem) -> SoterError:
-    """Gives a SoterError U001: plants are not affine, and no monitor follows such."""
+    """The SoterError U001 that a module's plants are not affine, so no monitor follows them."""
     message = f"the plants of module `{problem.name}` are not affine"
     notes = ("the monitor follows x' = A x + B u + c + W d, and maps of that form",)
     return SoterError((Diagnostic("U001", message, notes=notes),))
@@ -248,7 +248,7 @@ def matrix_exponential(a: Floats) -> Floats:
 
 
 def discretised_step(model: LinearModel, h: float) -> AffineStep:
-    """A step of `h` seconds of a flow, u constant, d any function; of a map one step."""
+    """The step of a flow over `h` seconds with constant u and any d, or one step of a map."""
     n, m = len(model.a), model.b.shape[1]
     c = model.c + model.w @ model.d_mid
     if model.kind == "map":
@@ -266,7 +266,7 @@ def discretised_step(model: LinearModel, h: float) -> AffineStep:
 
 
 def parameter_leaves(problem: Problem) -> list[tuple[int, tuple[str, ...]]]:
-    """For each parameter a leaf of a driven topic that equals it; SoterError U001 without one."""
+    """The leaf of a driven topic that equals each parameter; SoterError U001 if one has none."""
     plants = Plants(problem)
     cases = list(product(*(p.values for p in problem.parameters)))
     leaf_paths: list[tuple[int, tuple[str, ...]]] = []

@@ -1,4 +1,4 @@
-"""The results of judging a log: what a program's decision modules would have decided.
+"""Holds the results of judging a log: what a program's decision modules would have decided.
 
 Purpose: `LogJudgement` and `ModuleOfLog`, plain records for printing and JSON, with the list of
 what such a result takes for granted.
@@ -50,7 +50,7 @@ class LoggedModeChange:
 
 @dataclass(frozen=True)
 class NearestMargin:
-    """The least `distance` of a condition from failing, below 0 if it failed, and its `bound`."""
+    """The least `distance` of a condition from failing, below 0 if it failed; `bound`: its text."""
 
     distance: float
     time_s: float
@@ -61,21 +61,21 @@ class NearestMargin:
 class ModuleOfLog:
     """What one module's DM would have decided on the reads of a log.
 
-    `missing`: topics without which nothing can be said; everything else is then empty. `unheard`:
-    what tells its DM to give control back, where the log has not. `steps` of the DM; `waiting` of
-    it before all that it reads was there; in `stale` steps a read was too old, in `fresh` none;
-    `ttf`, `safer` and `nan_looks` (in which one of the two compared a NaN) count fresh ones.
-    Of `silent` ones the reads were young, but not what nodes had read that ran for them, or a
-    measured topic without `max_age` had fallen silent. `last_heard`: by topic that the step rests
-    on and that fell silent for good, when it was measured last.
-    `safe` was asked of reads young enough in `asked` steps, in `judged_steps` of them the DM's
-    were, too, and in `outside` it did not hold; `outside_late`: of samples that
-    came too late, that the gate refused, or that no step read.
-    `faults` of predicates. `beyond_s`: how long the file goes on behind a choice of rows. `damage`:
-    of the file, of which only what stands before it was judged.
-    `margin` is of not ttf, `clearance` of `safe`; None where nothing was read, or where `blind`
-    says what `safe` reads and the log has not. `bounds`: of each comparison of `ttf` its least.
-    `span`: where the module is declared; `times`: what `safe` compared over time.
+    `missing`: topics without which nothing can be decided; all else is then empty. `unheard`:
+    topics that let the DM give control back and that the log does not have.
+    Numbers of the DM's steps: `waiting` before all its reads had come, `steps` after that. Of these
+    a read was too old in `stale`, and in `fresh` none; `ttf`, `safer` and `nan_looks` (one of the
+    two compared a NaN) count fresh steps. In `silent` steps the reads were young enough, but not
+    those of nodes before the DM, or a measured topic without `max_age` had fallen silent.
+    `last_heard`: the last measurement, in s, of each topic that fell silent for good.
+    `safe` was asked in `asked` steps, whose reads for it were young enough; in `judged_steps` of
+    these the DM's were, too; in `outside` it did not hold. `outside_late`: the times that it did
+    not hold of samples that came too late, that the gate refused, or that no step read.
+    `faults`: of predicates. `beyond_s`: how long the file goes on after the last chosen row.
+    `damage`: the damage at which judging ended. `margin`: the least distance of `ttf` from holding.
+    `clearance`: that of `safe` from failing. Each is None if nothing was read, or for `safe` if
+    `blind` names topics that it reads and the log does not have. `bounds`: the least distance of
+    each comparison of `ttf`. `span`: where the module is declared. `times`: what `safe` compared.
     """
 
     module: str
@@ -128,8 +128,8 @@ class ModuleOfLog:
         return self.outside > 0 or (self.judged and self.outside_late > 0)
 
     @property
-    def unjudged(self) -> str:
-        """Says why no step was judged, "" where one was."""
+    def why_unjudged(self) -> str:
+        """The reason why no step was judged, in words; "" if one was."""
         if self.judged:
             return ""
         if self.missing:
@@ -175,16 +175,16 @@ def unit_notes(assumed_units: Sequence[str]) -> list[str]:
 class LogJudgement:
     """The judgement of a log. Times count from its first row.
 
-    `from_s`: the first step of a DM; `to_s`: the last record of the log, whatever it is of.
-    `nodes`: nodes of the program that were run for what it reads; `faulted`: those that faulted.
-    `forced`: modules whose mode the system forces. `stamps`: by topic the field that says when it
-    was measured. `sources`: by topic that has several, how many samples each gave. `left_out`,
-    `refused`: by topic how many samples had no usable value, or lay outside the topic's set, and
-    the first; `reasons`: the same of each reason for which they were left out. `far_stamps`: by
-    topic those that are further from the log's clock than the log is long. `lost`: in words what
-    was left out, and far stamps. `ageless`: of topics without `max_age` the greatest age (ns) of a
-    read. `assumed_units`: of leaves whose unit nobody says, what is taken for it.
-    `notes`: what was found of the file that is no error; `unchecked`: no checksum covers it.
+    `from_s`: the first step of a DM; `to_s`: the last record of the log, of any channel.
+    `nodes`: the program's nodes that ran for the DMs' reads; `faulted`: those that faulted.
+    `forced`: modules whose mode the system forces. By topic: `stamps`: the field that says when it
+    was measured; `sources`: how many samples each of several sources gave; `left_out`, `refused`:
+    how many samples had no usable value, or lay outside the topic's set, and the first; `reasons`:
+    the same for each reason of leaving out; `far_stamps`: the stamps that are further from the
+    log's clock than the log is long; `ageless`: the greatest age, in ns, of a read of a topic
+    without `max_age`. `lost`: in words what was left out, and far stamps. `assumed_units`: units
+    that are assumed as nobody says them. `notes`: findings on the file that are no errors;
+    `unchecked`: whether no checksum covers a part of it.
     """
 
     log: str

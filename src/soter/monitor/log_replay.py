@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from soter.language.evaluate.arithmetic import StepFault
-from soter.monitor.decidable_modules import topics_behind, topics_of_safe, writes_of_node
+from soter.monitor.decidable_modules import source_topics, topics_of_safe, writes_of_node
 from soter.monitor.doubtful_topics import doubt_notes
 from soter.monitor.log_files.log_columns import unusable
 from soter.monitor.log_judgement import LogJudgement, ModuleOfLog
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from soter.language.model.system import Component, Module, System
-    from soter.monitor.decidable_modules import Decidable
+    from soter.monitor.decidable_modules import ReplayPlan
     from soter.monitor.typed_samples import TopicSamples
     from soter.semantics.configuration import Configuration
     from soter.semantics.executable_system import ExecutableSystem
@@ -47,20 +47,20 @@ STEPS_MAX = 20_000_000
 def replay_log(
     system: System,
     samples: list[TopicSamples],
-    plan: Decidable,
+    plan: ReplayPlan,
     log: str,
     progress: Callable[[float], None] | None = None,
 ) -> LogJudgement:
     """Steps all nodes and DMs of `plan` over the log; `progress` gets the share that is done.
 
-    Changes `system`: modes that it forces are not, as those DMs decide, too; faults that it
-    declares are left out, as what was wrong in a log is in the log.
+    Changes `system`: it forces no modes any more, so that those DMs decide, too; and it declares no
+    faults any more, as the log already has those that happened.
     """
     forced = _clear_forced_modes_and_faults(system)
     interpreter = Interpreter(system, 0, _unused_externs(system))
     started = [s for s in samples if not s.is_constant]
     from_ns, (begin_ns, to_ns) = min(s.from_ns for s in started), samples[0].log_ns
-    _require_bounded(system, plan, to_ns - from_ns, log)
+    _require_bounded_steps(system, plan, to_ns - from_ns, log)
     judged = _empty_judgement(system, samples, plan, log)
     judged.from_s, judged.to_s, judged.forced = from_ns / 1e9, to_ns / 1e9, forced
     for of_module, m in zip(judged.modules, system.modules, strict=True):
@@ -75,14 +75,14 @@ def replay_log(
         world.replay_instant(ct)
         if progress is not None:
             progress(ct / max(1, to_ns - from_ns))
-    world.take_remaining(to_ns - from_ns)
+    world.take_remaining_samples(to_ns - from_ns)
     begun = [w.first_s for w in watches.values() if w.first_s is not None]
     judged.from_s = min(begun, default=judged.from_s)
     return judged
 
 
 def _clear_forced_modes_and_faults(system: System) -> tuple[str, ...]:
-    """Returns the names of the modules whose modes were forced."""
+    """Removes forced modes and declared faults; gives the names of modules that were forced."""
     forced = tuple(m.name for m in system.modules if m.forced)
     for m in system.modules:
         m.forced = None
@@ -91,11 +91,11 @@ def _clear_forced_modes_and_faults(system: System) -> tuple[str, ...]:
 
 
 def _empty_judgement(
-    system: System, samples: list[TopicSamples], plan: Decidable, log: str
+    system: System, samples: list[TopicSamples], plan: ReplayPlan, log: str
 ) -> LogJudgement:
     """The judgement of a log before any step: facts on its samples, and modules without steps."""
 
-    def by_topic(fact: Callable[[TopicSamples], Any]) -> dict[str, Any]:
+    def fact_by_topic(fact: Callable[[TopicSamples], Any]) -> dict[str, Any]:
         return {s.topic.name: value for s in samples if (value := fact(s))}
 
     def of_module(m: Module) -> ModuleOfLog:
@@ -115,26 +115,26 @@ def _empty_judgement(
         derived=[*chain.from_iterable(s.derived for s in samples)],
         constants=(*chain.from_iterable(s.constants for s in samples),),
         assumed_units=(*chain.from_iterable(s.assumed_units for s in samples),),
-        sources=by_topic(lambda s: s.sources),
-        stamps=by_topic(lambda s: s.stamp),
-        left_out=by_topic(lambda s: s.left_out and (s.left_out, s.first_left_out)),
-        reasons=by_topic(lambda s: tuple(s.reasons.values())),
+        sources=fact_by_topic(lambda s: s.sources),
+        stamps=fact_by_topic(lambda s: s.stamp),
+        left_out=fact_by_topic(lambda s: s.left_out and (s.left_out, s.first_left_out)),
+        reasons=fact_by_topic(lambda s: tuple(s.reasons.values())),
         lost=[*chain.from_iterable(s.lost for s in samples), *doubt_notes(system, samples)],
-        far_stamps=by_topic(lambda s: s.far_stamps),
+        far_stamps=fact_by_topic(lambda s: s.far_stamps),
     )
 
 
 def _unused_externs(system: System) -> dict[str, object]:
-    """By name of an extern: a function that is never called."""
+    """The externs of a system by name, each replaced by a function that is never called."""
 
-    def nobody(*_: object) -> object:
+    def refuse(*_: object) -> object:
         raise AssertionError("a replay of a log asks no extern")
 
     functions = [f.name for f in system.program.funs.values() if f.extern]
-    return dict.fromkeys([*(c.name for c in system.components if c.extern), *functions], nobody)
+    return dict.fromkeys([*(c.name for c in system.components if c.extern), *functions], refuse)
 
 
-def _release_times(system: System, plan: Decidable, length_ns: int) -> Iterator[int]:
+def _release_times(system: System, plan: ReplayPlan, length_ns: int) -> Iterator[int]:
     """The times at which a node or DM of the plan is released, from 0 to the end of the log."""
     parts = [system.components[n] for n in plan.nodes]
     parts += [system.components[system.modules[m].dm] for m in plan.modules]
@@ -148,7 +148,7 @@ def _release_times(system: System, plan: Decidable, length_ns: int) -> Iterator[
         yield now
 
 
-def _require_bounded(system: System, plan: Decidable, length_ns: int, log: str) -> None:
+def _require_bounded_steps(system: System, plan: ReplayPlan, length_ns: int, log: str) -> None:
     """Raises D016 for a log so long that its clock must have jumped, or its unit is wrong."""
     parts = [system.components[system.modules[m].dm] for m in plan.modules]
     steps = sum(length_ns // c.period_ns for c in parts)
@@ -162,14 +162,14 @@ def _require_bounded(system: System, plan: Decidable, length_ns: int, log: str) 
 
 
 class _LogState:
-    """Topics, locals and modes while the log goes by; `ct` counts from where judging begins."""
+    """The state of a system while a log is replayed; times `ct` count from the first judged one."""
 
     def __init__(
         self,
         system: System,
         interpreter: Interpreter,
         samples: list[TopicSamples],
-        plan: Decidable,
+        plan: ReplayPlan,
         judged: LogJudgement,
         from_ns: int,
     ) -> None:
@@ -177,41 +177,41 @@ class _LogState:
         self.machine: ExecutableSystem = interpreter.machine
         self.c: Configuration = interpreter.initial()
         self.from_ns = from_ns
-        self.at: dict[int, list[_Feed]] = {}
+        self.feeds_by_driver: dict[int, list[_Feed]] = {}
         for s in samples:
-            self.at.setdefault(_publishing_component(system, s.topic.index), []).append(
-                _Feed(s, from_ns)
-            )
+            self.feeds_by_driver.setdefault(
+                _publishing_component(system, s.topic.index), []
+            ).append(_Feed(s, from_ns))
         self.stepping = {*plan.nodes, *(system.modules[m].dm for m in plan.modules)}
         mapped = {s.topic.index for s in samples}
         written = mapped.union(*(writes_of_node(system.components[n]) for n in plan.nodes))
         self.needs: dict[int, set[int]] = {}
-        """Component -> the topics that have to be there before it steps; a node may feed itself."""
+        """For each component the topics that must be published before it steps."""
         for n in plan.nodes:
             self.needs[n] = (
-                topics_behind(system, plan.nodes, writes_of_node(system.components[n])) & mapped
+                source_topics(system, plan.nodes, writes_of_node(system.components[n])) & mapped
             )
         for m in (system.modules[i] for i in plan.modules):
-            inputs = set(topics_behind(system, (), m.inputs))
-            behind = topics_behind(system, plan.nodes, inputs) & mapped
+            inputs = set(source_topics(system, (), m.inputs))
+            behind = source_topics(system, plan.nodes, inputs) & mapped
             self.needs[m.dm] = behind | (inputs & written)
         self.aging = {s.topic.index for s in samples if not s.is_constant}
         self.safe_topics = {m.index: topics_of_safe(m) & written for m in system.modules}
         self.hearing = TopicsHeard.before_log(system, samples, plan)
         modules = [system.modules[i] for i in plan.modules]
-        self.dm_rests = {m.index: self.hearing.sources_behind(m.inputs) for m in modules}
+        self.dm_rests = {m.index: self.hearing.dependencies_of_reads(m.inputs) for m in modules}
         self.safe_rests = {
-            m.index: self.hearing.sources_behind(self.safe_topics[m.index]) for m in modules
+            m.index: self.hearing.dependencies_of_reads(self.safe_topics[m.index]) for m in modules
         }
         self.watches: dict[int, ModuleWatch] = {}
         self.unread: set[tuple[int, int]] = set()
-        """Modules, and topics of their `safe` that no step has read since they were published."""
+        """Pairs of a module and a topic of its `safe` that no step read since it was published."""
 
     def replay_instant(self, ct: int) -> None:
         """Publishes the samples before an instant, then steps everything in the deployed order."""
         due = [n for n in self.system.components if n.index in self.stepping and _is_due(n, ct)]
         self.c = replace(self.c, ct=ct, FN=tuple(n.index for n in due))
-        for feeds in self.at.values():
+        for feeds in self.feeds_by_driver.values():
             for feed in feeds:
                 self._publish_samples(feed, feed.samples_before(ct))
         self._feed_samples(-1, ct)
@@ -221,31 +221,31 @@ class _LogState:
             if n.index in released:
                 self._step_component(n)
 
-    def take_remaining(self, ct: int) -> None:
-        """Takes in the samples after the last step of all: refused, or too late for a DM."""
+    def take_remaining_samples(self, ct: int) -> None:
+        """Publishes the samples after the last step, which can only be refused or too late."""
         self.c = replace(self.c, ct=ct)
-        for feeds in self.at.values():
+        for feeds in self.feeds_by_driver.values():
             for feed in feeds:
                 self._publish_samples(feed, feed.samples_before(ct + 1))
         for m, watch in self.watches.items():
             for on in (self.dm_rests[m], self.safe_rests[m]):
-                for name, then in self.hearing.fell_silent(self.c, on).items():
+                for name, then in self.hearing.stamps_of_silent_topics(self.c, on).items():
                     watch.module_log.last_heard[name] = max(0, then + self.from_ns) / 1e9
             if (
-                self._is_heard(self.safe_topics[m])
+                self._are_published(self.safe_topics[m])
                 and self._reads_of_safe(m) != watch.last_safe_reads
             ):
                 env = self.machine.environment(self.c, self.system.components[watch.module.dm])
-                watch.note_late(env, (ct + self.from_ns) / 1e9)
+                watch.judge_late_sample(env, (ct + self.from_ns) / 1e9)
 
-    def _is_heard(self, topics: set[int]) -> bool:
+    def _are_published(self, topics: set[int]) -> bool:
         return all(self.c.stamps[i] != NEVER for i in topics)
 
     def _reads_of_safe(self, module: int) -> list[object]:
         return [(self.c.stamps[i], self.c.Topics[i]) for i in sorted(self.safe_topics[module])]
 
     def _feed_samples(self, driver: int, ct: int) -> None:
-        for feed in self.at.get(driver, ()):
+        for feed in self.feeds_by_driver.get(driver, ()):
             self._publish_samples(feed, feed.samples_until(ct))
 
     def _publish_samples(self, feed: _Feed, values: Iterator[tuple[int, object]]) -> None:
@@ -276,10 +276,10 @@ class _LogState:
             ):
                 watch = self.watches[m]
                 env = self.machine.environment(c, self.system.components[watch.module.dm])
-                watch.note_late(env, (c.stamps[topic] + self.from_ns) / 1e9)
+                watch.judge_late_sample(env, (c.stamps[topic] + self.from_ns) / 1e9)
 
     def _step_component(self, n: Component) -> None:
-        heard = self._is_heard(self.needs[n.index])
+        heard = self._are_published(self.needs[n.index])
         if n.role == "dm":
             assert n.module is not None
             if heard:
@@ -288,8 +288,8 @@ class _LogState:
                 self.watches[n.module].module_log.waiting += 1
             return
         if not heard:
-            return  # it would tell the DM what the program begins with, not the log
-        self.hearing.note_node(self.c, n.index)
+            return  # the DM would read the program's initial values, not the log's
+        self.hearing.note_node_step(self.c, n.index)
         self.c, outcome = ac_or_sc_step(self.machine, self.c, n.index)
         if isinstance(outcome, StepOutcome) and outcome.fault is not None:
             text = f"{(self.c.ct + self.from_ns) / 1e9:.3f} s: {outcome.fault.detail}"
@@ -310,16 +310,16 @@ class _LogState:
             elif i in self.aging:
                 self.judged.ageless[topic.name] = max(age, self.judged.ageless.get(topic.name, 0))
         self.unread = {each for each in self.unread if each[0] != m}
-        if self._is_heard(self.safe_topics[m]):
+        if self._are_published(self.safe_topics[m]):
             watch.last_safe_reads = self._reads_of_safe(m)
             if too_old:
-                watch.note_late(env, time_s)
+                watch.judge_late_sample(env, time_s)
             else:
-                watch.note_safe(env, time_s, fresh=rests and not verdict.stale)
+                watch.judge_reads(env, time_s, fresh=rests and not verdict.stale)
 
 
 def _publishing_component(system: System, topic: int) -> int:
-    """The component at whose place a mapped topic is published; -1: first, as inputs are."""
+    """The component that publishes a mapped topic in flight; -1 for an input, which comes first."""
     for c in system.components:
         if topic in c.writes:
             return c.index
@@ -331,7 +331,7 @@ def _is_due(n: Component, ct: int) -> bool:
 
 
 class _Feed:
-    """Hands out a topic's samples as they arrived; times count from where judging begins."""
+    """Gives a topic's samples in the order of arrival; times count from the first judged one."""
 
     def __init__(self, samples: TopicSamples, from_ns: int) -> None:
         self.samples, self.from_ns = samples, from_ns

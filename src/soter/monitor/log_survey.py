@@ -18,11 +18,11 @@ from statistics import median
 from typing import TYPE_CHECKING, Any
 
 from soter.mapping.message_types import EMPTY_MEMBER
-from soter.monitor.log_files.csv_log import csv_column_names, csv_rows, head_helps, is_table
+from soter.monitor.log_files.csv_log import csv_column_names, csv_rows, first_line_helps, is_csv
 from soter.monitor.log_files.log_columns import (
     FileFacts,
     Wanted,
-    is_plain,
+    is_plain_number,
     no_time_error,
     parse_decimal,
     unusable,
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 
 ELEMENTS_MAX, LEAVES_MAX, DEPTH_MAX = 4, 200, 8
-"""Lists longer than that, numbers beyond that count and what is nested deeper are left out."""
+"""Longer lists, numbers of a channel beyond that count, and deeper nesting are left out."""
 INT_END = 2**63
 """Whole numbers of Soter are smaller."""
 INT_DIGITS, FLOAT_END = 19, 2**53
@@ -63,10 +63,10 @@ TIME_NAMED = (
 )
 TIME_UNITS = {"s": "s", "sec": "s", "ms": "ms", "us": "us", "usec": "us", "ns": "ns"}
 UNITS = ((1e16, "ns", 1), (1e13, "us", 10**3), (1e10, "ms", 10**6), (-inf, "s", 10**9))
-"""The unit of a time since 1970 that is larger than a number: 2001 in seconds has ten digits."""
+"""The unit of a time since 1970 above a number, and its ns: 2001 has ten digits in seconds."""
 
 
-class _Every(dict[str, Wanted]):
+class _EveryChannel(dict[str, Wanted]):
     """A mapping in which every channel is wanted, with all that it has."""
 
     def __contains__(self, channel: object) -> bool:
@@ -76,12 +76,12 @@ class _Every(dict[str, Wanted]):
         return Wanted(unnamed=True)
 
 
-EVERY = _Every()
+EVERY = _EveryChannel()
 
 
 @dataclass
 class Numbers:
-    """A field's least and greatest number, their count, their kind; `place`: its bit in `masks`."""
+    """The least and greatest number of a field, count and kind; `place`: its bit in `masks`."""
 
     place: int
     low: float = inf
@@ -107,10 +107,10 @@ class Numbers:
 class Channel:
     """A summary of the messages of a channel.
 
-    `late_ns`: how long after its stamp a message was logged; -1: it has none in the log's clock.
-    `masks`: which fields a message had a number in, a bit each, numbered as they came; `held`: the
-    number of each message's. `back`: how often time goes back; `first_back_ns`: to when at first.
-    `typed`: whether the file says of which type its numbers are, as a CSV and JSON do not.
+    `late_ns`: how long after its stamp each message was logged; -1: no stamp in the log's clock.
+    `masks`: an index for each set of fields (a bit a field) that had numbers in one message;
+    `held`: the index of each message's set. `back`: how often time goes back; `first_back_ns`: to
+    when at first. `typed`: whether the file gives types to its numbers; CSV and JSON do not.
     """
 
     times_ns: array[int] = field(default_factory=lambda: array("q"))
@@ -124,7 +124,7 @@ class Channel:
     typed: bool = True
 
     def type_of_field(self, path: str) -> str:
-        """The type of a field; untyped whole numbers are floats, unless they surely count."""
+        """The type of a field; untyped whole numbers are floats, unless name or size say `int`."""
         n = self.fields[path]
         counts = self.typed or COUNTED.search(path) or max(-n.low, n.high) >= FLOAT_END
         return n.kind if counts or n.kind != "int" else "float"
@@ -158,7 +158,7 @@ class Channel:
 
     @property
     def kept_fields(self) -> list[str]:
-        """The fields that the drafted mapping reads: numbers, wherever they are there."""
+        """The fields that the drafted mapping reads: those that hold only numbers."""
         return [
             p
             for p, n in self.fields.items()
@@ -170,7 +170,7 @@ class Channel:
 
     @cached_property
     def taken_samples(self) -> list[tuple[int, int]]:
-        """When each sample with all numbers and a later stamp came, and its age then, in ns."""
+        """The arrival and age, in ns, of each sample with all numbers and a later stamp."""
         every = sum(1 << self.fields[p].place for p in self.kept_fields)
         whole = [mask & every == every for mask in self.masks]
         stamped, last, found = self.is_stamped, 0, list[tuple[int, int]]()
@@ -181,15 +181,15 @@ class Channel:
         return found
 
     def sorted_gaps_ns(self) -> list[int]:
-        """The times between one sample and the next, the shortest first."""
+        """The times between one sample and the next, in ns, the shortest first."""
         return sorted(b - a for (a, _), (b, _) in pairwise(self.taken_samples) if b >= a)
 
     def sorted_ages_ns(self) -> list[int]:
-        """How old each sample was when the next one came, the youngest first."""
+        """The age of each sample when the next one came, in ns, the youngest first."""
         return sorted(b - a + late for (a, late), (b, _) in pairwise(self.taken_samples) if b >= a)
 
-    def first_max_age_ns(self) -> int:
-        """A first `max_age`: two periods, or the age of 99 % of the samples; 0 without a period."""
+    def proposed_max_age_ns(self) -> int:
+        """The drafted `max_age`: two periods or the age of 99 % of the samples; 0: no period."""
         ages, gaps = self.sorted_ages_ns(), self.sorted_gaps_ns()
         if not gaps or median(gaps) <= 0:
             return 0
@@ -210,7 +210,7 @@ def survey_of_logs(paths: Sequence[Path], *, partial: bool = False) -> LogSurvey
     found = LogSurvey()
     for path in paths:
         facts = FileFacts()
-        if len(paths) > 1 and not is_table(path):
+        if len(paths) > 1 and not is_csv(path):
             raise unusable(
                 path, "of several files that are one log each is a CSV, and this is none"
             )
@@ -229,16 +229,16 @@ def survey_of_logs(paths: Sequence[Path], *, partial: bool = False) -> LogSurvey
 
 
 def _log_rows(path: Path, facts: FileFacts, found: LogSurvey) -> Iterator[Arrived]:
-    return _csv_rows(path, facts, found) if is_table(path) else channel_messages(path, EVERY, facts)
+    return _csv_rows(path, facts, found) if is_csv(path) else channel_messages(path, EVERY, facts)
 
 
 def _csv_rows(path: Path, facts: FileFacts, found: LogSurvey) -> Iterator[Arrived]:
-    """The rows of a CSV, whose time is the first column that is named so, in a unit that fits."""
+    """The rows of a CSV; its time is the first column with a name of times, in a unit that fits."""
     head = csv_column_names(path)
     called = next((m for name in head if (m := TIME_COLUMN.fullmatch(name))), None)
     if called is None:
         message = f"no column is called as a time is: {', '.join(head)[:200]}"
-        raise unusable(path, message, *head_helps(head), TIME_NAMED)
+        raise unusable(path, message, *first_line_helps(head), TIME_NAMED)
     time, unit_ns = called[0], 0
     for line, (clock,), row in csv_rows(path, head, time, facts):
         now = parse_decimal(clock)
@@ -267,7 +267,7 @@ def _number_or_text(cell: str) -> float | int | str:
     if number is not None and "." not in cell and number.adjusted() < INT_DIGITS:
         return int(number) if number == number.to_integral_value() else float(cell)
     try:
-        return float(cell if is_plain(cell) else "")
+        return float(cell if is_plain_number(cell) else "")
     except ValueError:
         return cell
 

@@ -1,4 +1,4 @@
-"""The model monitor: whether some run of the verification plants fits what was recorded.
+"""Checks whether some run of the verification plants fits a record: the model monitor.
 
 Purpose: `judge_run` follows a record by set-membership. X_k is the box of states that the model
 allows at instant k: the image of X_(k-1) under the commands that acted, any disturbance within its
@@ -54,7 +54,7 @@ SILENT = 10.0
 
 @dataclass
 class Judgement:
-    """The findings on one module in one record; shares: of the declared disturbance."""
+    """The findings on one module in one record. Shares are shares of the declared disturbance."""
 
     module: str
     source: str
@@ -68,7 +68,7 @@ class Judgement:
     """The state that needed the largest share."""
     alarm_states: dict[str, int] = field(default_factory=dict)
     judged_ns: int = 0
-    """The length of the judged steps, all together."""
+    """The sum of the lengths of the judged steps."""
     length_ns: int = 0
     """The length of the record."""
     empty_runs: int = 0
@@ -80,13 +80,13 @@ class Judgement:
     damage: Damage | None = None
     """The damage of the log, if any: only what stands before it was judged."""
     offsets: list[Floats] = field(default_factory=list, compare=False, repr=False)
-    """Of each step how far states, (states,), were from the middle of what the model allows, as a
-    share of what bounds and errors allow: beyond 1 an alarm; 0 where a state is not known."""
+    """For each step, how far the states, (states,), were from the middle of what the model allows,
+    as a share of what bounds and errors allow. Beyond 1: an alarm. 0: the state is not known."""
     offset_times_s: list[float] = field(default_factory=list, compare=False, repr=False)
     alarm_times_s: list[float] = field(default_factory=list, compare=False, repr=False)
     state_names: tuple[str, ...] = field(default=(), compare=False, repr=False)
     modes: tuple[tuple[float, str], ...] = field(default=(), compare=False, repr=False)
-    """When, in s, who was given control, as in `RecordedRun`."""
+    """Each change of control: its time in s, and the controller that got control."""
 
     @property
     def judged(self) -> bool:
@@ -155,7 +155,7 @@ class RecordReader:
         home = module.name.rpartition(".")[0]
         self.prefix = f"{home}." if home else ""
         system = problem.system
-        self.names = topic_names(flat, module, problem)
+        self.names = flying_topic_names(flat, module, problem)
         self.plants = {c.name: c for c in system.components if c.plant is not None}
         self.driven = [
             flat.topics[c.scope.topics[t]].name
@@ -175,7 +175,7 @@ class RecordReader:
                     plants={link.instance: component.index},
                     modules=scope.modules,
                 )
-                self._compiled.append((link, name, component, evaluator.expression(link.value)))
+                self._compiled.append((link, name, component, evaluator.compiled(link.value)))
 
     def true_state(
         self, topics: Mapping[str, Value], truths: Mapping[str, Value]
@@ -194,23 +194,23 @@ class RecordReader:
     def _state_and_parameters(self, values: Mapping[str, Value]) -> tuple[Floats, tuple[int, ...]]:
         system = self.problem.system
 
-        def part(leaf: object) -> float:
+        def leaf_value(leaf: object) -> float:
             c = system.components[leaf.owner]  # type: ignore[attr-defined]
             assert c.plant is not None
-            whole = values[c.name]
+            state = values[c.name]
             at = [v.name for v in c.plant.states].index(leaf.member)  # type: ignore[attr-defined]
-            return leaf_number(c.plant.states[at].type, whole[at], leaf.path)  # type: ignore[attr-defined]
+            return leaf_number(c.plant.states[at].type, state[at], leaf.path)  # type: ignore[attr-defined]
 
-        x = np.array([part(leaf) for leaf in self.states])
-        return x, tuple(int(part(leaf)) for leaf in self.parameters)
+        x = np.array([leaf_value(leaf) for leaf in self.states])
+        return x, tuple(int(leaf_value(leaf)) for leaf in self.parameters)
 
     def topics_before_nodes(self, record: RecordedRun, k: int) -> Mapping[str, Value]:
         """The topics at instant k when the plants have moved and no node has stepped yet."""
         first = record.before or {t.name: t.default for t in self.flat.topics}
-        stood = record.topics[k - 1] if k else first
-        return {**stood, **{n: record.topics[k][n] for n in self.driven}}
+        previous = record.topics[k - 1] if k else first
+        return {**previous, **{n: record.topics[k][n] for n in self.driven}}
 
-    def shown_parameters(
+    def parameters_in_topics(
         self, places: Sequence[tuple[int, tuple[str, ...]]], topics: Mapping[str, Value]
     ) -> tuple[int, ...]:
         """The parameters' values in the topics; `places` as of `parameter_leaves`."""
@@ -247,8 +247,8 @@ def _scope_topics(flat: System, module: Module) -> dict[TopicSymbol, int]:
     return index_by_topic
 
 
-def topic_names(flat: System, module: Module, problem: Problem) -> dict[int, str]:
-    """By index of a topic of the verification system: its name in the system that flies."""
+def flying_topic_names(flat: System, module: Module, problem: Problem) -> dict[int, str]:
+    """The names in the flying system of the verification system's topics, by their index there."""
     symbols = {}
     for c in problem.system.components:
         symbols.update({i: s for s, i in c.scope.topics.items()})
@@ -259,7 +259,7 @@ def topic_names(flat: System, module: Module, problem: Problem) -> dict[int, str
 
 def needed_topics(flat: System, module: Module, problem: Problem) -> list[str]:
     """The full names of the topics that `judge_run` reads when there are no true states."""
-    names = topic_names(flat, module, problem)
+    names = flying_topic_names(flat, module, problem)
     owners = [t for t, _ in driven_leaves(problem)] + [c.owner for c in problem.quantities.controls]
     return list(dict.fromkeys(names[i] for i in owners))
 
@@ -277,9 +277,9 @@ def judge_run(
     """Judges a record by the model of a module. SoterError U001 where the plants are not affine.
 
     `truths`: whether the record has true states; without them parameters are read off the topics.
-    `models`: those of the same problem, where several records are judged.
-    Of the record, the instants count at which a verification plant's flying counterpart has
-    stepped: those whose time is a multiple of the record's own spacing.
+    `models`: those of the same problem, if several records are judged.
+    On true states of plants that move in steps (maps), only the instants at multiples of the
+    plants' period are judged.
     """
     reader = RecordReader(flat, module, problem)
     models = models or Models(problem)
@@ -290,7 +290,7 @@ def judge_run(
     if record.times_ns:
         judgement.length_ns = record.times_ns[-1] - record.times_ns[0]
     if estimates:
-        ages = _Ages(flat, needed_topics(flat, module, problem), record)
+        ages = _TopicAges(flat, needed_topics(flat, module, problem), record)
         _judge_on_estimates(reader, models, record, judgement, ages, truths=truths)
     else:
         _judge_on_truth(reader, models, record, judgement)
@@ -386,7 +386,7 @@ def observation_map(problem: Problem, model: LinearModel) -> ObservationMap:
     )
 
 
-class _Ages:
+class _TopicAges:
     """Says which topics were published at each instant, and which fell silent."""
 
     def __init__(self, flat: System, names: Sequence[str], record: RecordedRun) -> None:
@@ -401,11 +401,11 @@ class _Ages:
             self.most[t.name] = SILENT * usual if t.max_age_ns is None else t.max_age_ns
 
     def are_published(self, k: int, leaves: Sequence[str]) -> NDArray[np.bool_]:
-        """By driven leaf: whether its topic was published at instant k."""
+        """Whether the topic of each driven leaf was published at instant k, (leaves,)."""
         return np.array([name in self.record.published[k] for name in leaves], dtype=np.bool_)
 
-    def is_heard(self, k: int) -> bool:
-        """Notes which topics were published at instant k; whether none was silent for too long."""
+    def hears_all_topics(self, k: int) -> bool:
+        """Notes the topics published at instant k; says whether none was silent for too long."""
         now = self.record.times_ns[k]
         too_old = [n for n, then in self.last.items() if now - then > self.most[n]]
         self.last.update((n, now) for n in self.names if n in self.record.published[k])
@@ -420,7 +420,7 @@ def _parameter_values(
 ) -> tuple[int, ...]:
     if shown is None:
         return reader.true_state(record.topics[k], record.truths[k])[1]
-    return reader.shown_parameters(shown, record.topics[k])
+    return reader.parameters_in_topics(shown, record.topics[k])
 
 
 def _judge_on_estimates(
@@ -428,7 +428,7 @@ def _judge_on_estimates(
     models: Models,
     record: RecordedRun,
     judgement: Judgement,
-    ages: _Ages,
+    ages: _TopicAges,
     *,
     truths: bool,
 ) -> None:
@@ -441,9 +441,9 @@ def _judge_on_estimates(
         y = reader.driven_values(record.topics[k])
         parameter = _parameter_values(reader, record, k, shown)
         if box is not None and now > then:
-            box = _image_box(models.step_of_length(same, now - then), box, u)
+            box = _next_box(models.step_of_length(same, now - then), box, u)
         u, then = reader.commands(record.topics[k]), now
-        silent, fresh = not ages.is_heard(k) or silent, ages.are_published(k, leaves)
+        silent, fresh = not ages.hears_all_topics(k) or silent, ages.are_published(k, leaves)
         if parameter == same and not fresh.any():
             continue  # nothing new was published
         apart, gap = now - seen_ns, silent
@@ -469,7 +469,7 @@ def _judge_on_estimates(
 
 
 def _seen_box(sight: ObservationMap, y: Floats, fresh: NDArray[np.bool_]) -> tuple[Floats, Floats]:
-    """The box of the states that the published leaves show; infinite where they show none."""
+    """The box of states that the published leaves show, infinite for a state that none shows."""
     x = sight.inverse @ y
     slack = ROUNDING * (np.abs(sight.inverse) @ np.abs(y) + 1.0)
     old = (np.abs(sight.inverse[:, ~fresh]) > UNSEEN).any(axis=1)
@@ -483,7 +483,7 @@ def _offset_shares(box: tuple[Floats, Floats], seen: tuple[Floats, Floats]) -> F
     return np.where(np.isfinite(apart), apart, 0.0)
 
 
-def _image_box(step: AffineStep, box: tuple[Floats, Floats], u: Floats) -> tuple[Floats, Floats]:
+def _next_box(step: AffineStep, box: tuple[Floats, Floats], u: Floats) -> tuple[Floats, Floats]:
     half = (box[1] - box[0]) / 2
     with np.errstate(invalid="ignore"):  # of a state that is not known
         mid = np.where(np.isfinite(half), (box[0] + box[1]) / 2, 0.0)

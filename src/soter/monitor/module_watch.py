@@ -1,4 +1,4 @@
-"""The watch over one decision module while a log is replayed.
+"""Watches one decision module while a log is replayed.
 
 Purpose: `ModuleWatch` notes the steps of a DM, what they decided and how far `ttf` and `safe` were
 from changing.
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from soter.monitor.predicate_margins import Distance
 
 AGAINST = PredicatePosition(sense=-1.0)
-"""The place of `ttf`: the further it is from holding, the better."""
+"""The position of `ttf`: the further `ttf` is from holding, the better."""
 
 
 class ModuleWatch:
@@ -34,14 +34,14 @@ class ModuleWatch:
 
     def __init__(self, module: Module, module_log: ModuleOfLog) -> None:
         self.module, self.module_log = module, module_log
-        evaluator = Evaluator.of(module.scope)
+        evaluator = Evaluator.for_scope(module.scope)
         symbol = module.symbol
-        self.margins = PredicateMargins(PredicateEvaluator.of(module.scope))
-        self.ttf = None if symbol.ttf is None else self.margins.of(symbol.ttf, AGAINST)
+        self.margins = PredicateMargins(PredicateEvaluator.for_scope(module.scope))
+        self.ttf = None if symbol.ttf is None else self.margins.distance_of(symbol.ttf, AGAINST)
         self.safe_margins = PredicateMargins(evaluator)
-        self.safe = None if module_log.blind else self.safe_margins.of(symbol.safe)
+        self.safe = None if module_log.blind else self.safe_margins.distance_of(symbol.safe)
         self.last_safe_reads: list[object] = []
-        """The stamps and values of which `safe` was last asked."""
+        """The stamps and values on which `safe` was last asked."""
         self.first_s: float | None = None
 
     def note_decision(self, verdict: DecisionVerdict, env: Environment, time_s: float) -> None:
@@ -77,16 +77,16 @@ class ModuleWatch:
                     module_log.bounds[text] = NearestMargin(distance, time_s, text)
             self.margins.seen.clear()
 
-    def note_safe(self, env: Environment, time_s: float, *, fresh: bool) -> None:
-        """Asks `safe` of its reads, which are young enough; `fresh`: so are the DM's."""
+    def judge_reads(self, env: Environment, time_s: float, *, fresh: bool) -> None:
+        """Asks `safe` on reads that are young enough for it; `fresh`: so are the DM's reads."""
         holds = self._is_safe(env, time_s)
         if holds is not None:
             self.module_log.asked += 1
             self.module_log.judged_steps += fresh
             self.module_log.outside += not holds
 
-    def note_late(self, env: Environment, time_s: float) -> None:
-        """Asks `safe` of a sample that no step judges: too late, refused, or overwritten."""
+    def judge_late_sample(self, env: Environment, time_s: float) -> None:
+        """Asks `safe` on a sample that no step judges: it came too late, or was refused or lost."""
         self.module_log.outside_late += self._is_safe(env, time_s) is False
 
     def _is_safe(self, env: Environment, time_s: float) -> bool | None:

@@ -1,13 +1,13 @@
 """Measures how far a predicate is from changing, on values of what it reads.
 
 Purpose: `PredicateMargins` compiles a predicate to a `Distance`, one number in place of a truth:
-above zero where the predicate holds, below where it does not, as far from zero as its nearest
-comparison is from turning (`a < b`: b - a, in the unit that both have), and which comparison that
-is. && is the least, || the greatest, ! the negation; where a function decides by `if`, every
-condition counts.
+above zero where the predicate holds, below where it does not. It is as far from zero as the nearest
+comparison is from changing (`a < b`: b - a, in their unit), and the `Distance` names this
+comparison. && takes the least, || the greatest, ! the negation; where a function decides by `if`,
+every condition counts.
 Non-goals: C; margins between instants.
 
-A bool or an equality, which has no distance, is infinitely far. Distances in different units are
+A bool or an equality has no distance: it is infinitely far. Distances in different units are
 compared as numbers, so a `Distance` says of which comparison it is.
 """
 
@@ -34,7 +34,7 @@ COMPARED = ("<", "<=", ">", ">=")
 
 
 class Distance(NamedTuple):
-    """A distance from changing; `bound`: index of its comparison in `bounds`, -1 if none."""
+    """A predicate's distance from changing; `bound`: its comparison's index in `bounds`, or -1."""
 
     far: float
     bound: int
@@ -44,9 +44,9 @@ Far = (Distance(math.inf, -1), Distance(-math.inf, -1))
 
 
 class PredicatePosition(NamedTuple):
-    """A place in a predicate: calls that led there, and whether more distance helps it.
+    """A place in a predicate: the calls that led there, and its effect on the predicate.
 
-    `sense`: 1.0: the predicate is further from failing; -1.0: it is nearer; 0.0: that depends.
+    `sense`: 1.0: more distance there is further from failing; -1.0: nearer to it; 0.0: either.
     """
 
     calls: tuple[str, ...] = ()
@@ -60,9 +60,8 @@ class PredicateMargins:
     """Margins of the predicates of one scope, compiled once.
 
     `bounds`: every comparison as it is written, and the calls that led there.
-    `sides`: by bound the value that was compared when it was last asked, and its band.
-    `seen`: by bound the distance it had when it was last asked, above zero on the side that speaks
-    for the predicate.
+    `sides`: for each bound the value last compared, and the band in which it should lie.
+    `seen`: for each bound its last distance, times its `sense`.
     """
 
     def __init__(self, evaluator: Evaluator) -> None:
@@ -72,26 +71,29 @@ class PredicateMargins:
         self.seen: dict[int, float] = {}
         self.sides: dict[int, tuple[float, ...]] = {}
         self.curves: list[t.TypedExpr] = []
-        """Of each bound the side that is compared: the first that is no constant."""
+        """For each bound the side that is drawn: the left one, unless it is constant."""
 
-    def of(self, e: t.TypedExpr, at: PredicatePosition = ROOT) -> Callable[[Environment], Distance]:
-        """Compiles a predicate to its distance by environment, which faults where it does."""
+    def distance_of(
+        self, e: t.TypedExpr, at: PredicatePosition = ROOT
+    ) -> Callable[[Environment], Distance]:
+        """The function from an environment to a predicate's distance; it faults as that does."""
         if isinstance(e, t.TypedBinary) and e.op in ("&&", "||"):
-            return self._connective(e, at)
+            return self._distance_of_connective(e, at)
         if isinstance(e, t.TypedBinary) and e.op in COMPARED:
-            return self._comparison(e, at)
+            return self._distance_of_comparison(e, at)
         if isinstance(e, t.TypedUnary) and e.op == "!":
-            inner = self.of(e.operand, at._replace(sense=-at.sense))
-            return lambda env: _negated(inner(env))
+            inner = self.distance_of(e.operand, at._replace(sense=-at.sense))
+            return lambda env: _negated_distance(inner(env))
         if isinstance(e, t.Conditional):
-            asked, then = self.of(e.condition, at._replace(sense=0.0)), self.of(e.then, at)
-            otherwise = self.of(e.otherwise, at)
+            asked = self.distance_of(e.condition, at._replace(sense=0.0))
+            then = self.distance_of(e.then, at)
+            otherwise = self.distance_of(e.otherwise, at)
             return lambda env: _returned_distance(
                 [c := asked(env)], (then if _holds(c) else otherwise)(env)
             )
         if isinstance(e, t.TypedCall) and not e.fun.extern and e.fun.body is not None:
-            return self._call(e, at)
-        value = self._evaluator.expression(e)
+            return self._distance_of_call(e, at)
+        value = self._evaluator.compiled(e)
         return lambda env: Far[0] if value(env) else Far[1]
 
     def compared_signal(self, bound: int) -> Compared:
@@ -116,14 +118,14 @@ class PredicateMargins:
                 others = [c for c in others if c[depth : depth + 1] == (call,)]
         return ": ".join((*labels, text))
 
-    def _connective(
+    def _distance_of_connective(
         self, e: t.TypedBinary, at: PredicatePosition
     ) -> Callable[[Environment], Distance]:
-        """Joins both sides; a fault of the right one counts only if the language asks it."""
-        left, right = self.of(e.left, at), self.of(e.right, at)
+        """The distance of `&&` or `||`; a fault on the right counts unless the left decides."""
+        left, right = self.distance_of(e.left, at), self.distance_of(e.right, at)
         choose = max if e.op == "||" else min
 
-        def joined(env: Environment) -> Distance:
+        def connective_distance(env: Environment) -> Distance:
             a = left(env)
             try:
                 b = right(env)
@@ -133,13 +135,13 @@ class PredicateMargins:
                 raise
             return choose(a, b, key=_sort_key)
 
-        return joined
+        return connective_distance
 
-    def _comparison(
+    def _distance_of_comparison(
         self, e: t.TypedBinary, at: PredicatePosition
     ) -> Callable[[Environment], Distance]:
-        left, right = self._evaluator.expression(e.left), self._evaluator.expression(e.right)
-        holds = self._evaluator.expression(e)
+        left, right = self._evaluator.compiled(e.left), self._evaluator.compiled(e.right)
+        holds = self._evaluator.compiled(e)
         bound, seen = len(self.bounds), self.seen
         self.bounds.append((_expression_text(e), at.calls))
         self.curves.append(e.left if _varies(e.left) else e.right)
@@ -147,7 +149,7 @@ class PredicateMargins:
         sign = 1.0 if e.op in ("<", "<=") else -1.0
         above = (at.sense * sign < 0) == first
 
-        def compared(env: Environment) -> Distance:
+        def comparison_distance(env: Environment) -> Distance:
             a, b = float(left(env)), float(right(env))
             far = sign * (b - a)
             if far == 0.0 or math.isnan(far):
@@ -160,16 +162,18 @@ class PredicateMargins:
                 sides[bound] = (value, *band)
             return Distance(far, bound)
 
-        return compared
+        return comparison_distance
 
-    def _call(self, e: t.TypedCall, at: PredicatePosition) -> Callable[[Environment], Distance]:
-        arguments = [self._evaluator.expression(a) for a in e.arguments]
-        body = self._block(
+    def _distance_of_call(
+        self, e: t.TypedCall, at: PredicatePosition
+    ) -> Callable[[Environment], Distance]:
+        arguments = [self._evaluator.compiled(a) for a in e.arguments]
+        body = self._compiled_block(
             e.fun.body or (), PredicatePosition((*at.calls, _expression_text(e)), at.sense)
         )
         parameters = e.fun.parameters
 
-        def called(env: Environment) -> Distance:
+        def call_distance(env: Environment) -> Distance:
             values = [a(env) for a in arguments]
             outside = env.variables
             env.variables = dict(zip(parameters, values, strict=True))
@@ -181,13 +185,13 @@ class PredicateMargins:
             finally:
                 env.variables = outside
 
-        return called
+        return call_distance
 
-    def _block(
+    def _compiled_block(
         self, statements: tuple[t.TypedStmt, ...], at: PredicatePosition
     ) -> Callable[[Environment, list[Distance]], Distance | None]:
         """Compiles statements to a function that gives what is returned and collects conditions."""
-        steps = [self._statement(s, at) for s in statements]
+        steps = [self._compiled_statement(s, at) for s in statements]
 
         def run(env: Environment, way: list[Distance]) -> Distance | None:
             for step in steps:
@@ -198,29 +202,29 @@ class PredicateMargins:
 
         return run
 
-    def _statement(
+    def _compiled_statement(
         self, s: t.TypedStmt, at: PredicatePosition
     ) -> Callable[[Environment, list[Distance]], Distance | None]:
         if isinstance(s, t.TypedReturn):
-            value = self.of(s.value, at)
+            value = self.distance_of(s.value, at)
             return lambda env, _way: value(env)
         if isinstance(s, t.TypedIf):
-            return self._branches(s, at)
+            return self._compiled_branches(s, at)
         if isinstance(s, (t.ForRange, t.ForEach)):
-            return self._loop(s, at)
-        step = self._evaluator.block([s])
+            return self._compiled_loop(s, at)
+        step = self._evaluator.compiled_block([s])
 
         def run(env: Environment, _way: list[Distance]) -> None:
             step(env)
 
         return run
 
-    def _branches(
+    def _compiled_branches(
         self, s: t.TypedIf, at: PredicatePosition
     ) -> Callable[[Environment, list[Distance]], Distance | None]:
         asked = at._replace(sense=0.0)
-        arms = [(self.of(c, asked), self._block(body, at)) for c, body in s.arms]
-        otherwise = self._block(s.otherwise, at)
+        arms = [(self.distance_of(c, asked), self._compiled_block(body, at)) for c, body in s.arms]
+        otherwise = self._compiled_block(s.otherwise, at)
 
         def choose(env: Environment, way: list[Distance]) -> Distance | None:
             for condition, body in arms:
@@ -232,18 +236,18 @@ class PredicateMargins:
 
         return choose
 
-    def _loop(
+    def _compiled_loop(
         self, s: t.ForRange | t.ForEach, at: PredicatePosition
     ) -> Callable[[Environment, list[Distance]], Distance | None]:
-        body = self._block(s.body, at)
+        body = self._compiled_block(s.body, at)
         items: Callable[[Environment], Value]
         if isinstance(s, t.ForRange):
             rounds = range(s.low, s.high)
             items = lambda _env: rounds  # noqa: E731
         else:
-            items = self._evaluator.expression(s.sequence)
+            items = self._evaluator.compiled(s.sequence)
 
-        def loop(env: Environment, way: list[Distance]) -> Distance | None:
+        def run_loop(env: Environment, way: list[Distance]) -> Distance | None:
             for item in items(env):
                 env.variables[s.variable] = item
                 distance = body(env, way)
@@ -251,11 +255,11 @@ class PredicateMargins:
                     return distance
             return None
 
-        return loop
+        return run_loop
 
 
 def _holds(d: Distance) -> bool:
-    """Whether the predicate of a distance holds: -0.0 is a comparison that just fails."""
+    """Whether the predicate of a distance holds; -0.0 stands for a comparison that just fails."""
     return math.copysign(1.0, d.far) > 0
 
 
@@ -263,7 +267,7 @@ def _sort_key(d: Distance) -> tuple[float, float]:
     return d.far, math.copysign(1.0, d.far)
 
 
-def _negated(d: Distance) -> Distance:
+def _negated_distance(d: Distance) -> Distance:
     return Distance(-d.far, d.bound)
 
 

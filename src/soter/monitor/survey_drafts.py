@@ -59,7 +59,7 @@ def program_head(survey: LogSurvey, log: str, name: str) -> str:
                 f"{_figure_text(n.low)} to {_figure_text(n.high)}{turns * bool(ANGLE.search(path))}"
             )
             lines.append(f"  {called}: {found.type_of_field(path)},  // {span}")
-        age = found.first_max_age_ns()
+        age = found.proposed_max_age_ns()
         lines += [
             "};",
             f"input topic {topic}: {of_type}{f' max_age {write_ns(age)}' if age else ''};",
@@ -87,7 +87,7 @@ def mapping_of_log(survey: LogSurvey, log: str) -> str:
 
 
 def _named_channels(survey: LogSurvey) -> Iterator[tuple[str, str, str, dict[str, str]]]:
-    """Gives each channel with a number, its topic, its type, and field names by path."""
+    """Gives each channel that has numbers, its topic, its type, and field names by path."""
     taken: set[str] = set(RESERVED)
     for channel in sorted(survey.channels):
         kept = survey.channels[channel].kept_fields
@@ -101,7 +101,7 @@ def _named_channels(survey: LogSurvey) -> Iterator[tuple[str, str, str, dict[str
 
 
 def _free_name(text: str, taken: set[str]) -> str:
-    """Makes a name of Soter that is like a text, and adds it to the names that are taken."""
+    """A name of Soter that is like a text and not taken yet; adds it to the taken names."""
     name = NOT_A_NAME.sub("_", text).strip("_")
     name = name if name[:1].isalpha() else f"n{name}"
     number, tried = 1, name
@@ -112,7 +112,7 @@ def _free_name(text: str, taken: set[str]) -> str:
 
 
 def _csv_with_command(survey: LogSurvey) -> tuple[str, str] | None:
-    """A CSV of several numbers, and its column that is called as a command is, or its last one."""
+    """A CSV of several numbers and its column with a command's name, or else its last; or None."""
     channels = survey.channels if survey.time is not None else {}
     channel = next((c for c, found in channels.items() if found.kept_fields[1:]), None)
     if channel is None:

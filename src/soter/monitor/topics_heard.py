@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from soter.language.elaborate.passes.read_ages import is_measured
 from soter.language.model.tree_walk import nodes
 from soter.language.model.typed import AgeRead
-from soter.monitor.decidable_modules import Decidable, reads_of_node, topics_behind, writes_of_node
+from soter.monitor.decidable_modules import ReplayPlan, reads_of_node, source_topics, writes_of_node
 from soter.monitor.model_membership import SILENT
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 @dataclass
-class RestsOn:
+class Dependencies:
     """The topics of the log and the nodes on which a step depends."""
 
     topics: set[int]
@@ -38,33 +38,33 @@ class RestsOn:
 
 @dataclass
 class TopicsHeard:
-    """Until when topics of the log were heard, and whether nodes' own reads were young enough.
+    """The limits of the ages of a log's topics, and whether nodes read young enough values.
 
-    `most_ns`: by topic of the log the age up to which a read counts as judged; `silent_ns`: the age
-    from which on the topic is called silent. `sound`: by node, whether all topics of the log that
-    it reads itself were young enough at its last step.
+    `most_ns`: for each topic of the log, the greatest age at which a read can be judged;
+    `silent_ns`: the age beyond which the topic counts as silent. `sound`: for each node, whether
+    all topics of the log that it reads itself were young enough at its last step.
     """
 
     system: System
-    plan: Decidable
+    plan: ReplayPlan
     most_ns: dict[int, float] = field(default_factory=dict)
     silent_ns: dict[int, float] = field(default_factory=dict)
     sound: dict[int, bool] = field(default_factory=dict)
 
     @classmethod
     def before_log(
-        cls, system: System, samples: Iterable[TopicSamples], plan: Decidable
+        cls, system: System, samples: Iterable[TopicSamples], plan: ReplayPlan
     ) -> TopicsHeard:
-        """A record for a log of which nothing was heard yet."""
+        """The limits for a log whose replay has not begun."""
         made = cls(system, plan)
-        looked_at = _ages_read(system)
-        alone_ns = min((system.modules[m].period_ns for m in plan.modules), default=0)
+        with_read_ages = _topics_with_read_ages(system)
+        own_age_max_ns = min((system.modules[m].period_ns for m in plan.modules), default=0)
         for s in samples:
             if s.is_constant:
                 continue
             topic, gaps = s.topic, [b - a for a, b in pairwise(s.times_ns) if b > a]
-            measured = is_measured(system, topic.index) and topic.index not in looked_at
-            silent_ns = SILENT * (median(gaps) if gaps else alone_ns if measured else inf)
+            measured = is_measured(system, topic.index) and topic.index not in with_read_ages
+            silent_ns = SILENT * (median(gaps) if gaps else own_age_max_ns if measured else inf)
             age_ns = topic.max_age_ns
             made.silent_ns[topic.index] = max(silent_ns, age_ns or 0)
             made.most_ns[topic.index] = silent_ns if measured else inf
@@ -72,24 +72,24 @@ class TopicsHeard:
                 made.most_ns[topic.index] = age_ns
         return made
 
-    def sources_behind(self, topics: Iterable[int]) -> RestsOn:
+    def dependencies_of_reads(self, topics: Iterable[int]) -> Dependencies:
         """The topics of the log and the nodes on which these reads of a DM or of `safe` depend."""
         topics = set(topics)
-        behind = topics_behind(self.system, self.plan.nodes, topics)
+        behind = source_topics(self.system, self.plan.nodes, topics)
         ran = {n for n in self.plan.nodes if writes_of_node(self.system.components[n]) & behind}
-        return RestsOn(topics_behind(self.system, (), topics) & self.most_ns.keys(), ran)
+        return Dependencies(source_topics(self.system, (), topics) & self.most_ns.keys(), ran)
 
-    def note_node(self, c: Configuration, node: int) -> None:
+    def note_node_step(self, c: Configuration, node: int) -> None:
         """Notes a step of a node, before the node publishes."""
         reads = reads_of_node(self.system, self.system.components[node])
         self.sound[node] = self._are_young(c, reads & self.most_ns.keys())
 
-    def rests_on_young_topics(self, c: Configuration, on: RestsOn) -> bool:
-        """Whether all topics are young enough; nodes count by what they last read."""
+    def rests_on_young_topics(self, c: Configuration, on: Dependencies) -> bool:
+        """Whether all topics are young enough, and were at the last step of each of the nodes."""
         return self._are_young(c, on.topics) and all(self.sound.get(n, False) for n in on.nodes)
 
-    def fell_silent(self, c: Configuration, on: RestsOn) -> dict[str, int]:
-        """By topic that a step depends on and that is silent now: its last stamp in ns."""
+    def stamps_of_silent_topics(self, c: Configuration, on: Dependencies) -> dict[str, int]:
+        """The last stamps, in ns, of the topics that a step depends on and that are silent now."""
         read = on.topics.union(*(self._logged_reads(n) for n in on.nodes))
         return {
             self.system.topics[i].name: c.stamps[i]
@@ -105,8 +105,8 @@ class TopicsHeard:
         return all(c.ct - c.stamps[i] <= self.most_ns[i] for i in topics)
 
 
-def _ages_read(system: System) -> set[int]:
-    """The topics whose ages predicates read themselves."""
+def _topics_with_read_ages(system: System) -> set[int]:
+    """The topics whose `age` a predicate reads."""
     return {
         m.scope.topics[n.topic]
         for m in system.modules

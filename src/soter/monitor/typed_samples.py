@@ -31,13 +31,13 @@ from soter.language.model.types import (
 from soter.mapping.message_types import HEADER_FRAME
 from soter.mapping.topic_mapping import ConstantSource, SignalSource, SlopeSource, SourceTurns
 from soter.monitor import derived_signals as derived
-from soter.monitor.derived_signals import quantiles
+from soter.monitor.derived_signals import error_quantiles
 from soter.monitor.log_files.log_columns import (
     TRUTHS,
     Columns,
     FarStamps,
     RowChoice,
-    is_plain,
+    is_plain_number,
     unusable,
     whole_number,
 )
@@ -70,13 +70,14 @@ class DerivedValue:
 
 @dataclass
 class TopicSamples:
-    """One topic: `values[i]` was there at `times_ns[i]`; no times at all: it always holds.
+    """The samples of one topic: `values[i]` came at `times_ns[i]`; without times, a constant.
 
-    `stamps_ns[i]`: when it was measured, as the field `stamp` says; else the declared delay before.
-    `log_ns`: when the whole log begins and ends. `reasons`: why rows gave no sample, each with
-    how many and the first; what differs from a number on is one reason. `sources`: of several, how
-    many samples each gave. `assumed_units`: of its leaves, as `TopicMap` has them. `turns`: of its
-    leaves, in order; `begins`: where each begins, of lines. `clipped`: how many were, in words.
+    `stamps_ns[i]`: when it was measured, by the field `stamp`, or the declared delay before it
+    came. `log_ns`: when the whole log begins and ends. `reasons`: why rows gave no sample, with
+    the number of rows and the first; reasons are one if they differ only after a number. `sources`:
+    how many samples each of several sources gave. `assumed_units`: as in `TopicMap`. `turns`: the
+    turn of each leaf, infinite if it is no angle; `begins`: the least angle of each, for lines.
+    `clipped`: how many samples were clipped, in words.
     """
 
     topic: Topic
@@ -102,7 +103,7 @@ class TopicSamples:
         """Whether the topic has one value at all times."""
         return not self.times_ns
 
-    def compare_clocks(self, stamp_ns: int | None, now_ns: int) -> None:
+    def count_far_stamp(self, stamp_ns: int | None, now_ns: int) -> None:
         """Counts a stamp that is further from its arrival than the log is long."""
         if stamp_ns is None or stamp_ns <= 0:
             return
@@ -113,12 +114,12 @@ class TopicSamples:
             self.far_stamps = replace(before, samples=before.samples + 1, offset_s=furthest)
 
     def why_no_later_stamp(self, stamp_ns: int) -> str:
-        """Says that a stamp is no later than the last sample's; "" where it is later."""
+        """The reason, in words, that a stamp is no later than the last sample's; "" if it is."""
         if self.stamps_ns and stamp_ns <= self.stamps_ns[-1]:
             return "its stamp is older than the one before it, or the same"
         return ""
 
-    def leave_out(self, where: str, why: str) -> None:
+    def count_left_out(self, where: str, why: str) -> None:
         """Counts a row that gives no sample."""
         reason = re.split(r"\d", why, maxsplit=1)[0]
         if reason not in self.reasons and len(self.reasons) >= REASONS_MAX:
@@ -157,11 +158,10 @@ class TopicSamples:
         return self.times_ns[1 if self.linear and len(self.times_ns) > 1 else 0]
 
     def value_at(self, time_ns: int) -> Value | None:
-        """The value at a time, by samples up to then; None where nothing follows from them.
+        """The value at a time, from samples up to then; None if they do not determine it.
 
-        When a sample was measured the value is that sample; after it, for at most `gap_ns`, the
-        value lies on the line through that sample and the one before, if these are no further
-        apart.
+        At the stamp of a sample it is that sample. For at most `gap_ns` after it, the value lies on
+        the line through that sample and the one before, if these two are no further apart.
         """
         i = bisect_right(self.times_ns, time_ns) - 1
         if time_ns < self.from_ns:
@@ -175,7 +175,7 @@ class TopicSamples:
         before, last = (_leaf_values(self.topic.type, v) for v in self.values[i - 1 : i + 1])
         leaf_values = zip(before, last, self.turns, self.begins, strict=True)
         ahead = (
-            derived.value_ahead(a, b, since / apart, turn, begin) if isinstance(b, float) else b
+            derived.value_on_line(a, b, since / apart, turn, begin) if isinstance(b, float) else b
             for a, b, turn, begin in leaf_values
         )
         return value_of_leaves(self.topic.type, ahead)
@@ -205,13 +205,13 @@ def read_samples(
     log_ns = min(begins) - first, max(ends) - first
     samples = []
     for _, maps in groupby(mapping.topics, key=lambda t: t.topic.index):
-        of = [(t, columns.get(t.channel, columns.get(None, Columns()))) for t in maps]
-        t, rows = of[0]
+        sources = [(t, columns.get(t.channel, columns.get(None, Columns()))) for t in maps]
+        t, rows = sources[0]
         made = TopicSamples(t.topic, [], [], t.linear, t.gap_ns, log_ns)
         made.turns = [getattr(t.leaves[p], "turn", math.inf) for p, _ in leaves(t.topic.type)]
-        made.assumed_units = list(dict.fromkeys(x for one, _ in of for x in one.assumed_units))
+        made.assumed_units = list(dict.fromkeys(x for one, _ in sources for x in one.assumed_units))
         if t.promise is not None:
-            _take_samples_of_sources(path, of, made, first)
+            _take_samples_of_sources(path, sources, made, first)
         elif t.names:
             _add_rows(path, t, rows, made, first)
         else:
@@ -222,15 +222,15 @@ def read_samples(
             made.clipped = f"clipped to its set: {moved:,} samples of {t.topic.name}" * bool(moved)
             made.values = inside
         if t.linear:
-            columns_of = zip(*(_leaf_values(t.topic.type, v) for v in made.values), strict=True)
-            made.begins = [*map(derived.begin_of_turn, columns_of, made.turns)]
+            by_leaf = zip(*(_leaf_values(t.topic.type, v) for v in made.values), strict=True)
+            made.begins = [*map(derived.least_angle, by_leaf, made.turns)]
         samples.append(made)
     return samples
 
 
 def _add_constants(t: TopicMap, made: TopicSamples) -> None:
     made.values.append(_value_of_leaves(t.topic.type, _constant_leaves(t)))
-    made.constants = [t.name_of(p) for p in t.leaves]
+    made.constants = [t.leaf_name(p) for p in t.leaves]
 
 
 def _add_rows(path: Path, t: TopicMap, columns: Columns, made: TopicSamples, first_ns: int) -> None:
@@ -247,14 +247,14 @@ def _add_rows(path: Path, t: TopicMap, columns: Columns, made: TopicSamples, fir
     for i, now in enumerate(columns.times_ns):
         if not choice.chooses(lambda name: columns.cells[name][i]):  # noqa: B023 - called at once
             continue
-        why = _why_foreign(t, columns, i)
+        why = _why_other_frame(t, columns, i)
         stamp_ns = (stamps[i] or 0) - first_ns
         if t.stamp is not None and not why:
-            made.compare_clocks(stamps[i], now)
+            made.count_far_stamp(stamps[i], now)
             why = _why_ill_stamped(stamps[i], now) or made.why_no_later_stamp(stamp_ns)
         row, why = ({}, why) if why else _row_values(path, t, columns, i)
         if why:
-            made.leave_out(columns.where[i], why)
+            made.count_left_out(columns.where[i], why)
             continue
         if follows_lines and made.times_ns and made.stamps_ns[-1] == stamp_ns:
             for column in (made.times_ns, made.stamps_ns, *read.values()):
@@ -268,7 +268,7 @@ def _add_rows(path: Path, t: TopicMap, columns: Columns, made: TopicSamples, fir
         arrival = UNSTAMPED if "its stamp" in made.first_left_out else ""
         helps = (made.first_left_out, arrival, *choice.seen_values)
         raise unusable(path, f"no row of it has {required}", *helps)
-    _fill_in(path, t, made, read)
+    _build_values(path, t, made, read)
 
 
 def _take_samples_of_sources(
@@ -277,7 +277,7 @@ def _take_samples_of_sources(
     """Takes samples of several sources in the order of arrival, as a bridge does."""
     topic = made.topic
     made.stamp = ", ".join(dict.fromkeys(t.stamp.path for t, _ in sources if t.stamp is not None))
-    made.constants = [n for t, _ in sources for n in map(t.name_of, _constant_leaves(t))]
+    made.constants = [n for t, _ in sources for n in map(t.leaf_name, _constant_leaves(t))]
     turns = SourceTurns([t.promise.after_ns for t, _ in sources if t.promise is not None])
     taken = []
     check = check_of_topic(topic)
@@ -288,10 +288,10 @@ def _take_samples_of_sources(
         if not choices[rank].chooses(lambda name: columns.cells[name][i]):  # noqa: B023 - the same
             continue
         if t.stamp is not None:
-            made.compare_clocks(columns.stamps_ns[t.stamp][i], now)
+            made.count_far_stamp(columns.stamps_ns[t.stamp][i], now)
         value, stamp, why = _source_row(path, t, columns, i, check)
         if why:
-            made.leave_out(columns.where[i], why)
+            made.count_left_out(columns.where[i], why)
         elif turns.judge(rank, stamp) == "taken":
             made.times_ns.append(now - first_ns)
             made.stamps_ns.append(stamp - first_ns)
@@ -304,24 +304,23 @@ def _take_samples_of_sources(
 
 
 def _sources_text(channels: Sequence[str | None], taken: Sequence[int]) -> str:
-    """Says how many samples were taken of each source, and how often the source changed."""
+    """How many samples each source gave, and how often the source changed, in words."""
     counts = [f"{channel or k + 1} ({taken.count(k):,})" for k, channel in enumerate(channels)]
     changes = sum(a != b for a, b in pairwise(taken))
     return f"{', '.join(counts)}, {changes:,} changes from one to the other"
 
 
 def _constant_leaves(t: TopicMap) -> dict[LeafPath, Value]:
-    """The values of leaves that the mapping itself gives."""
     return {p: x.value for p, x in t.leaves.items() if isinstance(x, ConstantSource)}
 
 
 def _source_row(
     path: Path, t: TopicMap, columns: Columns, i: int, check: Check
 ) -> tuple[Value, int, str]:
-    """The value and stamp of a row of one of several sources, and why it gives none, or ""."""
+    """The value and stamp of a row of one of several sources; why it gives none, or ""."""
     assert t.stamp is not None
     stamp = columns.stamps_ns[t.stamp][i]
-    why = _why_foreign(t, columns, i) or _why_ill_stamped(stamp, columns.times_ns[i])
+    why = _why_other_frame(t, columns, i) or _why_ill_stamped(stamp, columns.times_ns[i])
     if why:
         return None, 0, why
     row, why = _row_values(path, t, columns, i)
@@ -338,7 +337,7 @@ def _source_row(
 def _row_values(
     path: Path, t: TopicMap, columns: Columns, i: int
 ) -> tuple[dict[LeafPath, Value | None], str]:
-    """The values that a row has itself, and why it gives none, or ""."""
+    """The values of leaves that a row's cells give, and why it gives no sample, or ""."""
     types = dict(leaves(t.topic.type))
     row = {
         p: _cell_value(path, types[p], leaf, columns.cells[leaf.name][i], columns.where[i])
@@ -346,11 +345,11 @@ def _row_values(
         if isinstance(leaf, SignalSource)
     }
     lost = next((p for p, value in row.items() if value is None), None)
-    return row, "" if lost is None else f"no finite number for `{t.name_of(lost)}`"
+    return row, "" if lost is None else f"no finite number for `{t.leaf_name(lost)}`"
 
 
-def _why_foreign(t: TopicMap, columns: Columns, i: int) -> str:
-    """Says that a row is of another frame than the mapping takes; "" where it is of that frame."""
+def _why_other_frame(t: TopicMap, columns: Columns, i: int) -> str:
+    """The reason, in words, that a row has another frame than the mapping takes, or ""."""
     if t.frame_id is None:
         return ""
     frame = columns.cells[HEADER_FRAME][i]
@@ -359,7 +358,7 @@ def _why_foreign(t: TopicMap, columns: Columns, i: int) -> str:
 
 
 def _why_ill_stamped(stamp: int | None, now: int) -> str:
-    """Says why a stamp cannot be a time of measurement; "" where it can."""
+    """The reason why a stamp cannot be a time of measurement, in words; "" if it can."""
     if stamp is None:
         return "it has no stamp"
     if stamp <= 0:
@@ -369,34 +368,36 @@ def _why_ill_stamped(stamp: int | None, now: int) -> str:
     return ""
 
 
-def _fill_in(path: Path, t: TopicMap, made: TopicSamples, read: dict[LeafPath, list[Any]]) -> None:
+def _build_values(
+    path: Path, t: TopicMap, made: TopicSamples, read: dict[LeafPath, list[Any]]
+) -> None:
     """Enters slopes and constants, and joins the leaves of each sample to a value."""
     n = len(made.times_ns)
     times_s = np.array(made.stamps_ns, dtype=np.float64) / 1e9
-    whole: dict[LeafPath, list[Any]] = dict(read)
+    table: dict[LeafPath, list[Any]] = dict(read)
     for p, leaf in t.leaves.items():
         if isinstance(leaf, ConstantSource):
-            whole[p] = [leaf.value] * n
-            made.constants.append(t.name_of(p))
+            table[p] = [leaf.value] * n
+            made.constants.append(t.leaf_name(p))
         elif isinstance(leaf, SlopeSource):
             if n < 2:
                 raise unusable(path, f"one sample of `{t.topic.name}` has no slope")
             values, window = _unwrapped_column(t, leaf.of, read[leaf.of]), leaf.window_ns / 1e9
             derivatives = derived.window_slopes(times_s, values, window)
-            error = quantiles(derived.slope_errors(times_s, values, window, derivatives))
+            error = error_quantiles(derived.slope_errors(times_s, values, window, derivatives))
             how = (
                 f"slope over the last {show_ns(leaf.window_ns)}, from the second sample on; error: "
                 "against the slope over half the window"
             )
-            made.derived.append(DerivedValue(t.name_of(p), how, error))
-            whole[p] = derivatives.tolist()
+            made.derived.append(DerivedValue(t.leaf_name(p), how, error))
+            table[p] = derivatives.tolist()
     if any(isinstance(leaf, SlopeSource) for leaf in t.leaves.values()):
         del made.times_ns[0], made.stamps_ns[0]  # where there is no slope yet
-        times_s, whole, n = times_s[1:], {p: v[1:] for p, v in whole.items()}, n - 1
+        times_s, table, n = times_s[1:], {p: v[1:] for p, v in table.items()}, n - 1
     if t.linear:
-        _note_errors_ahead(t, made, times_s, whole)
+        _note_errors_ahead(t, made, times_s, table)
     for i in range(n):
-        made.values.append(_value_of_leaves(t.topic.type, {p: v[i] for p, v in whole.items()}))
+        made.values.append(_value_of_leaves(t.topic.type, {p: v[i] for p, v in table.items()}))
 
 
 def _unwrapped_column(t: TopicMap, p: LeafPath, column: list[Any]) -> np.ndarray[Any, Any]:
@@ -406,19 +407,19 @@ def _unwrapped_column(t: TopicMap, p: LeafPath, column: list[Any]) -> np.ndarray
 
 
 def _note_errors_ahead(
-    t: TopicMap, made: TopicSamples, times_s: np.ndarray[Any, Any], whole: dict[LeafPath, list[Any]]
+    t: TopicMap, made: TopicSamples, times_s: np.ndarray[Any, Any], table: dict[LeafPath, list[Any]]
 ) -> None:
     """Notes by how much straight lines miss the samples; times_s (n,)."""
     for p, kind in leaves(t.topic.type):
         if isinstance(kind, FloatType) and not isinstance(t.leaves[p], ConstantSource):
-            values = _unwrapped_column(t, p, whole[p])
-            error = quantiles(derived.ahead_errors(times_s, values, t.gap_ns / 1e9))
+            values = _unwrapped_column(t, p, table[p])
+            error = error_quantiles(derived.line_errors(times_s, values, t.gap_ns / 1e9))
             how = (
                 "on the line through the last two samples, for at most "
                 f"{show_ns(t.gap_ns)}; error: how far the next sample is off it"
             )
             if error is None or error[-1] > 0.0:
-                made.derived.append(DerivedValue(t.name_of(p), how, error))
+                made.derived.append(DerivedValue(t.leaf_name(p), how, error))
 
 
 def _value_of_leaves(t: Type, value_by_path: Mapping[LeafPath, Value]) -> Value:
@@ -447,7 +448,7 @@ def _cell_value(path: Path, t: Type, leaf: SignalSource, cell: object, where: st
 def _float_value(leaf: SignalSource, cell: Any) -> float | None:  # noqa: ANN401 - a text, or what JSON has
     if isinstance(cell, bool):
         raise TypeError
-    if isinstance(cell, str) and not is_plain(cell):
+    if isinstance(cell, str) and not is_plain_number(cell):
         raise ValueError
     value = float(cell)
     if leaf.scale != 1.0:
@@ -462,16 +463,16 @@ def _discrete_value(t: Type, cell: Any) -> Value:  # noqa: ANN401 - the same
         if isinstance(cell, bool):
             return cell
         truth = TRUTHS.get(str(cell).lower())
-        return (False, True)[_require_between(0, whole_number(cell), 1)] if truth is None else truth
+        return (False, True)[_checked_between(0, whole_number(cell), 1)] if truth is None else truth
     if isinstance(t, EnumType):
         return t.members.index(str(cell))
     if isinstance(cell, bool) or not isinstance(t, (IntType, DurationType)):
         raise TypeError
     number = whole_number(cell)
-    return _require_between(t.low, number, t.high) if isinstance(t, IntType) else number
+    return _checked_between(t.low, number, t.high) if isinstance(t, IntType) else number
 
 
-def _require_between(low: int, value: int, high: int) -> int:
+def _checked_between(low: int, value: int, high: int) -> int:
     if not low <= value <= high:
         raise ValueError
     return value

@@ -1,7 +1,7 @@
 """The libraries of C that Python opens, with cffi in its ABI mode.
 
-Purpose: this is the one place that knows cffi: declarations are read from the headers themselves,
-so that Python and C cannot disagree.
+Purpose: this is the only module that uses cffi. It reads declarations from the C headers, so that
+Python and C cannot disagree.
 Non-goals: compiling (`shared_library.py`); what a library's functions mean.
 """
 
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.evaluate.arithmetic import require_plain
-from soter.native.cache import cached, digest
+from soter.native.cache import cached_folder, digest
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -30,21 +30,21 @@ NUMBER = re.compile(r"^#define ([A-Z_]+) (\d+)U?$")
 TABLES = "interface.py"
 
 _opened: list[Any] = []
-"""All libraries: cffi closes one that nobody holds, even if a function of it is still held."""
+"""Every opened library: cffi closes one without references, even if its functions have some."""
 
 
 def declarations(header: Path) -> str:
     """The types, functions and numbers that a header of Soter declares, without inline functions.
 
-    It does not follow includes: give the declarations of included headers before.
+    It does not follow includes: pass the declarations of included headers to `interface` first.
     """
 
-    def kept(match: re.Match[str]) -> str:
+    def kept_directive(match: re.Match[str]) -> str:
         number = NUMBER.match(match.group(0).rstrip())
         return f"#define {number.group(1)} {number.group(2)}" if number else ""
 
     text = COMMENT.sub("", header.read_text(encoding="utf-8"))
-    return DIRECTIVE.sub(kept, INLINE.sub("", CPLUSPLUS.sub("", text)))
+    return DIRECTIVE.sub(kept_directive, INLINE.sub("", CPLUSPLUS.sub("", text)))
 
 
 @lru_cache(maxsize=64)
@@ -54,10 +54,10 @@ def interface(*declared: str) -> Any:  # noqa: ANN401 - cffi has no types
     cffi's tables are cached, as parsing takes longer than most runs. SoterError X006 if the cache
     cannot be used.
     """
-    import _cffi_backend  # noqa: PLC0415 - only what is compiled pays for it
+    import _cffi_backend  # noqa: PLC0415 - only compiled runs need it
 
-    def make(work: Path) -> None:
-        from cffi import FFI, recompiler  # noqa: PLC0415 - and only the first time for the parser
+    def make_tables(work: Path) -> None:
+        from cffi import FFI, recompiler  # noqa: PLC0415 - only the first time
 
         ffi = FFI()
         for text in declared:
@@ -65,7 +65,9 @@ def interface(*declared: str) -> Any:  # noqa: ANN401 - cffi has no types
         recompiler.make_py_source(ffi, "soter_interface", str(work / TABLES))
 
     content = digest(("cffi", _cffi_backend.__version__, *declared))
-    return run_path(str(cached("interface", content, (TABLES,), make) / TABLES))["ffi"]
+    return run_path(str(cached_folder("interface", content, (TABLES,), make_tables) / TABLES))[
+        "ffi"
+    ]
 
 
 def open_library(
@@ -73,14 +75,14 @@ def open_library(
     path: Path,
     owners: Mapping[str, str] | None = None,
 ) -> Any:  # noqa: ANN401 - the same
-    """The loaded library; SoterError X004 if a function that it needs is missing.
+    """Loads a library; SoterError X004 if a function that it calls is missing.
 
-    X012 if this thread's floating-point settings are not those that the library assumes. `owners`:
-    for each linked function, the C file that should define it.
+    SoterError X012 if this thread has other floating-point settings than the library assumes.
+    `owners`: for each linked function the C file that should define it.
     """
     require_plain()
     try:
-        held = ffi.dlopen(str(path))
+        library = ffi.dlopen(str(path))
     except OSError as error:
         _, _, missing = str(error).partition("undefined symbol: ")
         if missing:
@@ -97,11 +99,11 @@ def open_library(
         else:
             message, helps = f"the compiled program cannot be loaded: {error}", ()
         raise SoterError((Diagnostic("X004", message, helps=helps),)) from error
-    _opened.append(held)
-    return held
+    _opened.append(library)
+    return library
 
 
 def address(ffi: Any, path: Path, symbol: str, type_: str) -> Any:  # noqa: ANN401 - cdata
-    """The address of a constant in the library, as a pointer of this type."""
-    held = ctypes.c_char.in_dll(ctypes.CDLL(str(path)), symbol)
-    return ffi.cast(type_, ctypes.addressof(held))
+    """The address of a constant in a library, as a cffi pointer of type `type_`."""
+    constant = ctypes.c_char.in_dll(ctypes.CDLL(str(path)), symbol)
+    return ffi.cast(type_, ctypes.addressof(constant))

@@ -1,13 +1,12 @@
-"""The cache of built files, by content: an entry is used only if it is whole and ours.
+"""The cache of built files. An entry is used only if it is complete and only we could write it.
 
-Purpose: an entry is a folder NAME-CONTENT with its files and their seals. It is made beside and
-moved into place, so it is there whole or not at all; what is damaged, or could have been written by
-another user, is made again. The least recently used entries make room. `included_files` and
-`files_below` find the files that compiled code depends on, for CONTENT and for packages; a folder
-without any is an error: Soter is not whole then. `computes_names` says that macros put a file's
-name together, which nobody here follows.
+Purpose: an entry is a folder NAME-CONTENT with its files and their seals (hashes). It is made in
+another folder and then moved, so it is complete or absent. An entry that is damaged, or that others
+could have written, is made again. The least recently used entries are removed first.
+`included_files` and `files_below` find the files that compiled code depends on, for CONTENT and for
+packages. `has_macro_includes` finds includes whose file names macros make, which are not followed.
 Non-goals: what is in an entry; folders above the cache that others may write to; headers in angle
-brackets; which names macros make (`kept_state.py` sees them).
+brackets; which names macros make (`kept_state.py` finds them).
 """
 
 from __future__ import annotations
@@ -35,16 +34,16 @@ if TYPE_CHECKING:
 
 LIMIT = "SOTER_CACHE_MB"
 LIMIT_MB = 2048
-"""MB that the cache may hold where neither $SOTER_CACHE_MB nor its file `limit` says it."""
+"""The default limit of the cache in MB, without $SOTER_CACHE_MB and without a file `limit`."""
 LIMIT_LONGEST = 64
-"""How many letters of the file `limit` are read."""
+"""How many characters of the file `limit` are read."""
 LIMIT_FILE = "limit"
 YOUNG_S = 600.0
 """An entry used within this time is never removed: another process may be about to load it."""
 LOOK_S = 60.0
-"""For so long after a look for room nobody looks again: what is added meanwhile is young."""
+"""For so long after one check of the limit no process checks it again: new entries are young."""
 LOOKED_FILE = "looked"
-"""A file: its time is that of the last look for room, its text the limit in bytes then."""
+"""A file whose time is that of the last check of the limit, and whose text is the limit then."""
 SEALS = "seals"
 MAKING = ".soter-making-"
 MB = 1_000_000
@@ -64,7 +63,7 @@ def cache_dir() -> Path:
 
 
 def digest(parts: Iterable[str]) -> str:
-    """A hash of a sequence of texts; where one text ends makes a difference."""
+    """The SHA-256 of a sequence of texts, which also depends on where each text ends."""
     sha = hashlib.sha256()
     for part in parts:
         data = part.encode("utf-8", "surrogatepass")
@@ -73,11 +72,13 @@ def digest(parts: Iterable[str]) -> str:
     return sha.hexdigest()
 
 
-def cached(name: str, content: str, files: tuple[str, ...], make: Callable[[Path], None]) -> Path:
-    """The folder with `files`: from the cache, or filled by `make(folder)`.
+def cached_folder(
+    name: str, content: str, files: tuple[str, ...], make: Callable[[Path], None]
+) -> Path:
+    """The cache's folder with `files`; if it is not there, `make(folder)` fills a new one.
 
-    `content`: a hash of everything that they depend on. SoterError X006 if the cache cannot be
-    used; raises whatever `make` does.
+    `content`: a hash of everything that the files depend on. SoterError X006 if the cache cannot
+    be used, and every error of `make`.
     """
     if find_cached(name, content, files) is None:
         with new_entry(name, content, files) as made:
@@ -86,13 +87,13 @@ def cached(name: str, content: str, files: tuple[str, ...], make: Callable[[Path
 
 
 def find_cached(name: str, content: str, files: tuple[str, ...]) -> Path | None:
-    """The folder with `files` if the cache has it; SoterError X006 for a cache of others."""
+    """The cache's folder with `files`, else None; SoterError X006 if others may write to it."""
     folder = cache_dir()
     _refuse_a_folder_of_others(folder)
     entry = _entry_folder(folder, name, content)
     if not _is_whole(entry, content, files):
         return None
-    with contextlib.suppress(OSError):  # a cache that may only be read is used all the same
+    with contextlib.suppress(OSError):  # a read-only cache can be used, too
         os.utime(entry)
     _ours.add(entry)
     return entry
@@ -100,9 +101,9 @@ def find_cached(name: str, content: str, files: tuple[str, ...]) -> Path | None:
 
 @contextlib.contextmanager
 def new_entry(name: str, content: str, files: tuple[str, ...]) -> Iterator[Path]:
-    """An empty folder for `files`, which then is the entry of the cache, in place of an older one.
+    """An empty folder for a `with` block to fill; then it is the new entry of the cache.
 
-    `content`: as of `cached`. SoterError X006 if the cache cannot be used.
+    `content`: as for `cached_folder`. SoterError X006 if the cache cannot be used.
     """
     entry = _entry_folder(cache_dir(), name, content)
     most, _ = cache_limit()
@@ -114,7 +115,7 @@ def new_entry(name: str, content: str, files: tuple[str, ...]) -> Iterator[Path]
             _seal_entry(made, content, files)
             _move_entry(made, entry, Path(work) / "old", content, files)
         _ours.add(entry)
-        _make_room(folder, most)
+        _remove_old_entries(folder, most)
 
 
 @contextlib.contextmanager
@@ -130,7 +131,7 @@ def _writable_folder() -> Iterator[Path]:
 
 
 @contextlib.contextmanager
-def making() -> Iterator[Path]:
+def work_folder() -> Iterator[Path]:
     """A temporary folder inside the cache; SoterError X006 if none can be made."""
     with _writable_folder() as folder:
         work = tempfile.TemporaryDirectory(dir=folder, prefix=MAKING)
@@ -154,7 +155,7 @@ def _seals_text(folder: Path, content: str, files: tuple[str, ...]) -> str:
 
 
 def _seal_entry(made: Path, content: str, files: tuple[str, ...]) -> None:
-    """Keeps only these files, writable by this user alone, and writes their seals."""
+    """Deletes other files, makes these writable for this user alone, and writes their seals."""
     wanted = {Path(name).parts[0] for name in files}
     for path in made.iterdir():
         if path.name not in wanted:
@@ -165,9 +166,9 @@ def _seal_entry(made: Path, content: str, files: tuple[str, ...]) -> None:
 
 
 def _is_whole(entry: Path, content: str, files: tuple[str, ...]) -> bool:
-    """Whether an entry is complete and undamaged, and nobody else could have written to it.
+    """Whether an entry is complete and undamaged, and no other user could have written to it.
 
-    Loading half a library kills the process; loading somebody else's runs it.
+    Loading half a library ends the process; loading another user's library runs their code.
     """
     try:
         ours = stat.S_ISDIR(entry.lstat().st_mode) and is_ours(entry.lstat())
@@ -189,7 +190,7 @@ def _refuse_a_folder_of_others(folder: Path) -> None:
     try:
         status = folder.stat()
     except OSError:
-        return  # it is not there yet; making it says what is wrong
+        return  # it does not exist yet; making it reports errors
     if not is_ours(status):
         mine = status.st_uid in {os.geteuid(), 0}
         why = "others may write to it" if mine else "it belongs to another user"
@@ -220,7 +221,7 @@ def _move_entry(made: Path, entry: Path, old: Path, content: str, files: tuple[s
 
 
 def cache_limit() -> tuple[int, str]:
-    """The bytes that the cache may hold, and who says so; SoterError X006 if that is no number."""
+    """The limit of the cache in bytes, and where it is set; SoterError X006 if it is no number."""
     text, where = os.environ.get(LIMIT, "").strip(), LIMIT
     if not text:
         file = cache_dir() / LIMIT_FILE
@@ -249,11 +250,11 @@ def set_limit(megabytes: int) -> None:
             made.write_text(f"{megabytes}\n", encoding="ascii")
             made.replace(folder / LIMIT_FILE)
         (folder / LOOKED_FILE).unlink(missing_ok=True)
-    _make_room(folder, cache_limit()[0])
+    _remove_old_entries(folder, cache_limit()[0])
 
 
-def entries() -> list[tuple[float, int, Path]]:
-    """Of each entry when it was last used (s since 1970), its bytes, its folder; oldest first.
+def cache_entries() -> list[tuple[float, int, Path]]:
+    """For each entry the time of its last use (s since 1970), its bytes, its folder; oldest first.
 
     SoterError X006 if the folder cannot be read.
     """
@@ -266,11 +267,11 @@ def entries() -> list[tuple[float, int, Path]]:
         raise _unusable(message) from error
 
 
-def clear() -> tuple[int, int]:
-    """Removes every entry; gives how many, and their bytes. SoterError X006 if one stays."""
+def clear_cache() -> tuple[int, int]:
+    """Removes every entry; gives their number and their bytes. SoterError X006 if one stays."""
     _refuse_a_folder_of_others(cache_dir())
-    cache_entries = entries()
-    for _, _, entry in cache_entries:
+    removable = cache_entries()
+    for _, _, entry in removable:
         try:
             shutil.rmtree(entry)
         except FileNotFoundError:
@@ -278,11 +279,11 @@ def clear() -> tuple[int, int]:
         except OSError as error:
             message = f"cannot remove `{entry}`: {reason(error)}"
             raise _unusable(message) from error
-    return len(cache_entries), sum(size for _, size, _ in cache_entries)
+    return len(removable), sum(size for _, size, _ in removable)
 
 
-def _make_room(folder: Path, most: int) -> None:
-    """Removes the least recently used entries beyond `most` bytes; keeps those of this process."""
+def _remove_old_entries(folder: Path, most: int) -> None:
+    """Removes the least recently used entries beyond `most` bytes, but none that we have used."""
     now = time.time()
     if _looked_lately(folder, most, now):
         return
@@ -298,7 +299,7 @@ def _make_room(folder: Path, most: int) -> None:
 
 
 def _looked_lately(folder: Path, most: int, now: float) -> bool:
-    """Whether some process has lately enforced the same limit."""
+    """Whether a process has enforced the same limit in the last `LOOK_S` seconds."""
     file = folder / LOOKED_FILE
     try:
         lately = 0.0 <= now - file.stat().st_mtime < LOOK_S
@@ -308,7 +309,7 @@ def _looked_lately(folder: Path, most: int, now: float) -> bool:
 
 
 def _entries_in(folder: Path) -> list[tuple[float, int, str]]:
-    """Of each entry in a folder when it was last used, its bytes, its path; skips other files."""
+    """For each entry in a folder the time of its last use, its bytes, its path."""
     used = []
     with os.scandir(folder.absolute()) as listed:
         for entry in listed:
@@ -365,11 +366,11 @@ INCLUDE = re.compile(
     r'^[ \t]*(?:#|%:)[ \t]*(?:include(?:_next)?|import|embed|define|if|elif)\b[^"\n]*"([^"\n]+)"',
     re.MULTILINE,
 )
-"""A name in quotes in a directive that includes, that defines (for an `#include NAME`), or that
-asks whether a file is there (`__has_include`)."""
+"""A name in quotes in a directive that includes a file, that defines a macro (as `#include NAME`
+may use it), or that tests whether a file exists (`__has_include`)."""
 INCBIN = re.compile(r'\.incbin[ \t]*\\?"([^"\\\n]+)')
-"""A file that assembler in the C puts into the object."""
-OF_A_MACRO = re.compile(
+"""A file whose bytes the assembler directive `.incbin` puts into the object."""
+MACRO_INCLUDE = re.compile(
     r"^[ \t]*(?:#|%:)[ \t]*(?:include(?:_next)?|import|embed)[ \t]*([A-Za-z_]\w*)(.*)$",
     re.MULTILINE,
 )
@@ -378,7 +379,7 @@ FILES_MAX = 1000
 
 
 def included_files(*sources: str | Path, folders: tuple[Path, ...] = ()) -> dict[Path, str]:
-    """Path and text of C files and of all that they include in quotes; X003 if one is unreadable.
+    """The text of C files and of all that they include in quotes, by path; X003 if unreadable.
 
     `folders`: where headers are looked for besides the folder of the file that includes them.
     """
@@ -395,10 +396,10 @@ def included_files(*sources: str | Path, folders: tuple[Path, ...] = ()) -> dict
     return text_by_path
 
 
-def computes_names(texts: Collection[str]) -> bool:
-    """Whether C includes a file whose name a macro makes, other than a name in quotes."""
+def has_macro_includes(texts: Collection[str]) -> bool:
+    """Whether C includes a file through a macro that is not simply a file name in quotes."""
     joined = [t.replace("\\\n", "") for t in texts]
-    for name, rest in (found for t in joined for found in OF_A_MACRO.findall(t)):
+    for name, rest in (found for t in joined for found in MACRO_INCLUDE.findall(t)):
         defined = re.compile(rf"^[ \t]*(?:#|%:)[ \t]*define[ \t]+{name}\b(?!\()(.*)$", re.MULTILINE)
         names = [d.strip() for t in joined for d in defined.findall(t)]
         if rest.lstrip().startswith("(") or not names or any(d[:1] not in '"<' for d in names):

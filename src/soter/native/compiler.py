@@ -1,11 +1,11 @@
-"""Find a C compiler, and run it with its output, time and life bounded.
+"""Finds a C compiler, and runs it with limits of output and time.
 
 Purpose: the compiler is the system's `cc`, gcc or clang; otherwise the one in the Python package
-`ziglang`, which `python_child` starts so that it imports nothing from the current folder. Output
-and time are limited, as bad input can make a compiler write gigabytes or never end; its processes
-end with it, and all with this one. `vector_flags` and `FAST` are for C that stays on this machine.
-Non-goals: cross compilers (`targets/`); fused multiplication and addition, which rounds once where
-programs mean twice.
+`ziglang`, which `python_command` starts so that it imports nothing from the current folder. Output
+and time are limited, as bad input can make a compiler write gigabytes or never end. Its child
+processes end with it, and it ends with Soter. `vector_flags` and `FAST` are for C that is used on
+this machine only.
+Non-goals: cross compilers (`targets/`); fused multiply-add, which rounds once instead of twice.
 """
 
 from __future__ import annotations
@@ -31,44 +31,44 @@ from soter.diagnostics.current_phase import passing_phase
 from soter.diagnostics.diagnostic import Diagnostic, SoterError, mistake
 from soter.diagnostics.system_texts import reason
 from soter.report.wording import visible
-from soter.version import pip_install
+from soter.version import pip_command
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
 
 START = "import sys; sys.path[:] = [p for p in sys.path if p] + [{root!r}]; "
-"""Takes the current folder, `""`, off `sys.path`. `sys` is built in: no file is read for it."""
+"""Code that takes the current folder, `""`, off `sys.path`; `sys` is built in, not a file."""
 
 
 ROOT = Path(__file__).resolve().parents[2]
 """The folder that this Soter is imported from."""
 
 
-def python_child(code: str, *words: str) -> list[str]:
-    """The command that runs Python code with `words` as `sys.argv[1:]`, and imports this Soter."""
+def python_command(code: str, *words: str) -> list[str]:
+    """A command that runs Python code, which can import this Soter; `words`: `sys.argv[1:]`."""
     return [sys.executable, "-c", START.format(root=str(ROOT)) + code, *words]
 
 
-def python_module(name: str, *words: str) -> list[str]:
-    """The command that runs a module of an installed package, as `python -m` does."""
+def module_command(name: str, *words: str) -> list[str]:
+    """A command that runs a module by its name, as `python -m` does; `words`: its arguments."""
     run = f"import runpy; runpy.run_module({name!r}, run_name='__main__', alter_sys=True)"
-    return python_child(run, *words)
+    return python_command(run, *words)
 
 
 OUTPUT_MAX = 2**18
-"""Bytes of a compiler's output at most; one that writes more is ended."""
+"""The most bytes of output; a compiler that writes more is ended."""
 LOOK_S = 0.5
 GROUP = (
     'exec 3<&0; "$@" 3<&- </dev/null & p=$!; '
     "{ read -r x; kill -KILL 0; } <&3 >/dev/null 2>&1 & exec 3<&- </dev/null; wait $p"
 )
-"""A shell that leads a group: the command, and who ends the group when our end of a pipe closes."""
+"""Shell code that runs a command, and kills its process group when our end of a pipe closes."""
 
 
 @dataclass(frozen=True)
 class CompilerOutput:
-    """`text`: all that it wrote; `code`: its exit code, None where it was ended, with `why`."""
+    """A compiler's output `text` and exit `code`; None: Soter ended it, and `why` says why."""
 
     code: int | None
     text: str
@@ -78,10 +78,10 @@ class CompilerOutput:
 def run_compiler(command: Sequence[str], work: Path, limit_s: float) -> CompilerOutput:
     """Runs a command in `work` until it ends, or exceeds its limits of time or output."""
     if os.name != "posix":
-        return _run_elsewhere(command, work, limit_s)
-    led = ("/bin/sh", "-c", GROUP, "sh", *command)
+        return _run_without_groups(command, work, limit_s)
+    group_command = ("/bin/sh", "-c", GROUP, "sh", *command)
     process = subprocess.Popen(
-        led,
+        group_command,
         cwd=work,
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
@@ -103,11 +103,11 @@ def run_compiler(command: Sequence[str], work: Path, limit_s: float) -> Compiler
 
 
 _running: set[int] = set()
-"""The process groups of the compilers that run now, in any thread."""
+"""The process groups of all running compilers, of any thread."""
 
 
 def end_compilers() -> None:
-    """Kills all compilers that run, when the user interrupts."""
+    """Kills all running compilers, after a user's Ctrl-C."""
     for group in tuple(_running):
         _kill_group(group)
 
@@ -133,8 +133,8 @@ def _read_output(process: subprocess.Popen[bytes], end: float, limit_s: float) -
     return bytes(output), f"the compiler was ended after {limit_s:g} s"
 
 
-def _run_elsewhere(command: Sequence[str], work: Path, limit_s: float) -> CompilerOutput:
-    """Runs a command with a limit of time only, on systems without process groups."""
+def _run_without_groups(command: Sequence[str], work: Path, limit_s: float) -> CompilerOutput:
+    """Runs a command with a limit of time alone, on systems without process groups."""
     try:
         done = subprocess.run(command, capture_output=True, check=False, timeout=limit_s, cwd=work)
     except subprocess.TimeoutExpired:
@@ -144,9 +144,9 @@ def _run_elsewhere(command: Sequence[str], work: Path, limit_s: float) -> Compil
 
 CPU = Path("/proc/cpuinfo")
 VECTORS = (("-mavx512f", "-mavx512dq"), ("-mavx2",))
-"""Flags for vectors of eight doubles, and of four."""
+"""Compiler flags for vectors of eight doubles, and of four."""
 FAST = ("-fno-trapping-math",)
-"""No floating-point flags of the processor are read, so clang may compute both ways of a choice."""
+"""Nothing reads the floating-point exceptions, so clang may compute both branches of a choice."""
 
 
 def processor_flags(cpuinfo: str) -> tuple[str, ...]:
@@ -177,7 +177,7 @@ MEANING = (
 STRICT = (STANDARD, *MEANING)
 TIMEOUT_S = 300
 LINES, LINE_MAX = 8, 1000
-"""How many lines of a compiler's output are shown, and letters of each."""
+"""How many lines of a compiler's output are shown, and how many characters of each."""
 DEFECT = "this is a defect of soter: please report it with the program"
 WARNINGS = (
     "-Wall",
@@ -192,7 +192,7 @@ WARNINGS = (
 
 @dataclass(frozen=True)
 class Compiler:
-    """A command that compiles C, and what identifies it for the cache."""
+    """A command that compiles C, and a text that identifies the compiler in cache keys."""
 
     command: tuple[str, ...]
     identity: str
@@ -216,9 +216,9 @@ def _zig_compiler() -> Compiler | None:
     if importlib.util.find_spec("ziglang") is None:
         return None
     version = subprocess.run(
-        python_module("ziglang", "version"), capture_output=True, text=True, check=False
+        module_command("ziglang", "version"), capture_output=True, text=True, check=False
     ).stdout.strip()
-    return Compiler(tuple(python_module("ziglang", "cc")), f"zig {version}")
+    return Compiler(tuple(module_command("ziglang", "cc")), f"zig {version}")
 
 
 @lru_cache(maxsize=1)
@@ -245,7 +245,7 @@ def find_compiler() -> Compiler:
                 f"there is no C compiler: {tried} was not found",
                 helps=(
                     *(("take the system's: unset SOTER_CC",) if chosen else ()),
-                    f"install one as a Python package: {pip_install('compiler')}",
+                    f"install one as a Python package: {pip_command('compiler')}",
                     "or run without one: soter run FILE --engine interp",
                 ),
             ),
@@ -260,7 +260,7 @@ def compiler_version(compiler: Compiler) -> str:
     return visible(lines[0][:LINE_MAX]) if lines else " ".join(compiler.command)
 
 
-def _require_room(work: Path) -> None:
+def _require_disk_space(work: Path) -> None:
     """Raises SoterError D006 unless the folders that a compiler writes to have 4 MiB free."""
     for folder in (os.environ.get("TMPDIR") or tempfile.gettempdir(), work):
         try:
@@ -278,12 +278,12 @@ def compile_with(
     helps: tuple[str, ...] = (DEFECT,),
     telling: tuple[str, ...] = (),
 ) -> None:
-    """Runs a compiler in `work`; SoterError X004 with its lines, those with `telling` if any."""
+    """Runs a compiler in `work`; SoterError X004 with its lines (those with `telling` if any)."""
     with passing_phase("compiling"):
         done = run_compiler(command, work, TIMEOUT_S)
     if done.code == 0:
         return
-    _require_room(work)
+    _require_disk_space(work)
     lines = done.text.replace(str(work) + os.sep, "").strip().splitlines()
     shown = [x for x in lines if any(word in x for word in telling)] or lines
     notes = [visible(x[:LINE_MAX]) for x in shown[:LINES]]

@@ -1,12 +1,12 @@
-"""Finds what answers each extern of a system, for builds and for runs.
+"""Finds the code or object that each extern of a system is bound to.
 
-Purpose: `bind` enters the bindings of the program (`from "python:..."`) and the user's (`--bind
+Purpose: `bind` takes the bindings of the program (`from "python:..."`) and of the user (`--bind
 X=...`, `.bind("X", f)`); bindings to C reach the generated program. Mistakes are diagnostics: U001,
 U005, X002, X003, X014. `file_hashes` gives the SHA-256 of the files that a binding names, and of
-those that they need: runs and logs tell it, since other weights are another controller, and the
-program's hash does not cover them.
-Non-goals: the callables of a run (`simulate/externs/`); hashes of what Python imports, and of
-objects that are bound from Python: nobody can name their files.
+the files that these need. Runs and logs record it, as the hash of the program does not cover them:
+other weights are another controller.
+Non-goals: the callables of a run (`simulate/externs/`); hashes of modules that Python imports, and
+of objects bound from Python, whose files are unknown.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, cast
 
-from soter.addons import by_name
+from soter.addons import load_module
 from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError, mistake
 from soter.diagnostics.similar_names import nearest_or_all
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 
 class FilePolicy:
-    """A policy from a file, an object with `step`; `assumed`: what its files leave open."""
+    """A policy from a file, with a method `step`; `assumed`: facts that its files do not state."""
 
     assumed: tuple[str, ...]
 
@@ -47,24 +47,24 @@ class PolicyFiles(Protocol):
     """The functions of the add-on for learned policies that a binding to a policy needs."""
 
     def sha256_of_files(self, binding: BindingText) -> dict[str, str]:
-        """The SHA-256 of each file of a binding, and of files that these name; X003, X014."""
+        """The SHA-256 of each file of a binding and of files that these name; X003, X014."""
 
     def action_bounds(self, binding: BindingText) -> list[tuple[float, float]]:
-        """The range of each number that a zip answers; `SoterError` X003, X014, D007."""
+        """The range of each number that a policy in a zip can answer; X003, X014, D007."""
 
     def load_policy(
         self, binding: BindingText, reads: Shapes, answers: Shapes, span: Span | None
     ) -> FilePolicy:
-        """The policy of a binding; X003, X014, D007 at the place that declares the node."""
+        """Loads the policy of a binding; X003, X014, D007 at `span`, where the node stands."""
 
 
 def policy_files() -> PolicyFiles:
-    """The add-on for learned policies; `SoterError` D007 where it is not installed."""
-    return cast("PolicyFiles", by_name("soter.policy.policy_extern"))
+    """The add-on for learned policies; `SoterError` D007 if it is not installed."""
+    return cast("PolicyFiles", load_module("soter.policy.policy_extern"))
 
 
 def file_hashes(bound: object) -> dict[str, str]:
-    """The SHA-256 of each file behind a binding, by name; {} for an object; X003, X014."""
+    """The SHA-256 of each file of a binding, by its name; {} for an object. X003, X014."""
     binding = binding_of(bound) if isinstance(bound, str) else None
     if binding is None:
         return {}
@@ -97,23 +97,23 @@ class Extern:
 
 @dataclass(eq=False)
 class Bindings:
-    """The externs of a system with their bindings, and the Core that calls their C."""
+    """The externs of a system with their bindings, and the lowered system that calls their C."""
 
     system: System
     core: CoreSystem
     externs: list[Extern] = field(default_factory=list)
 
-    def texts(self) -> dict[str, str]:
-        """`binding_text` of each extern, by its name."""
+    def binding_texts(self) -> dict[str, str]:
+        """What each extern is bound to, in words, by the extern's name."""
         return {x.name: binding_text(x.bound) for x in self.externs}
 
-    def files(self) -> dict[str, dict[str, str]]:
-        """The SHA-256 of the files that answer each extern, by name; X003, X014."""
+    def file_hashes(self) -> dict[str, dict[str, str]]:
+        """The SHA-256 of each file of each extern's binding, by extern, then file; X003, X014."""
         return {x.name: file_hashes(x.bound) for x in self.externs}
 
 
-def check_text(name: str, text: str) -> str:
-    """The text of a binding, once its form and its files are checked; `SoterError` U001, X003."""
+def checked_text(name: str, text: str) -> str:
+    """Checks the form and the files of a binding's text, and gives it; `SoterError` U001, X003."""
     binding = binding_of(text)
     if binding is None:
         raise mistake(
@@ -130,7 +130,7 @@ def check_text(name: str, text: str) -> str:
 def check_target(name: str, target: object) -> None:
     """Raises `SoterError` U001, X002 or X003 for an object that no extern can be bound to."""
     if isinstance(target, str):
-        check_text(name, target)
+        checked_text(name, target)
     elif not isinstance(target, type) and not callable(getattr(target, "step", target)):
         raise SoterError((not_callable_error(name, target),))
 
@@ -164,13 +164,13 @@ def bind(system: System, bound: Mapping[str, object]) -> Bindings:
     return Bindings(system, core, externs)
 
 
-def require_linked(bindings: Bindings) -> None:
-    """Reads all C that is compiled into a program, before work that an error would waste: X003."""
-    require_read([x for x in bindings.externs if is_c(x.bound)], lambda x: file_hashes(x.bound))
+def require_readable_c(bindings: Bindings) -> None:
+    """Reads all C of bindings, before work that an error would waste; `SoterError` X003."""
+    read_externs([x for x in bindings.externs if is_in_c(x.bound)], lambda x: file_hashes(x.bound))
 
 
-def require_read(externs: Iterable[Extern], read: Callable[[Extern], object]) -> None:
-    """Calls `read` for each extern; `SoterError` with all errors that this raised."""
+def read_externs(externs: Iterable[Extern], read: Callable[[Extern], object]) -> None:
+    """Calls `read` for each extern; then one `SoterError` with the errors of all calls."""
     problems: list[Diagnostic] = []
     for extern in externs:
         declared = Label(extern.span, "declared here")
@@ -185,17 +185,17 @@ def require_read(externs: Iterable[Extern], read: Callable[[Extern], object]) ->
         raise SoterError(tuple(problems))
 
 
-def bind_again(bindings: Bindings, targets: Mapping[str, object]) -> Bindings:
-    """The same bindings with other Python objects under the same names."""
+def bind_objects(bindings: Bindings, targets: Mapping[str, object]) -> Bindings:
+    """A copy of bindings, in which `targets` replace the bound objects of these names."""
     externs = [replace(x) for x in bindings.externs]
     _assign_targets(externs, targets)
     return Bindings(bindings.system, bindings.core, externs)
 
 
 def bind_derived(bindings: Bindings, derived: System) -> Bindings:
-    """The same bindings for a system that is derived from theirs, such as one with a forced module.
+    """The same externs for a derived system, such as one in which a module is forced.
 
-    Core is lowered again: AC of a module that is forced has no shield.
+    The system is lowered again, because AC of a forced module has no shield.
     """
     core = lower(derived)
     _enter_c_bindings(core, bindings.externs)
@@ -207,11 +207,11 @@ def _assign_targets(externs: list[Extern], targets: Mapping[str, object]) -> Non
         for name, target in targets.items():
             for extern in externs:
                 if exactness in _match_levels(extern, name):
-                    extern.bound = check_text(name, target) if isinstance(target, str) else target
+                    extern.bound = checked_text(name, target) if isinstance(target, str) else target
 
 
 def require_bindable(systems: Sequence[System], targets: Mapping[str, object]) -> None:
-    """Raises `SoterError` U005 for a name that no system of a program can bind."""
+    """Raises the `SoterError` of `bind` for each name that no system of a program can bind."""
     problems: list[Diagnostic] = []
     for name, target in targets.items():
         problem_lists = [_problems_of_binding(system, name, target) for system in systems]
@@ -250,7 +250,7 @@ def _all_externs(system: System, core: CoreSystem) -> Iterable[Extern]:
 
 
 def _match_levels(extern: Extern, name: str) -> tuple[int, ...]:
-    """How a name fits an extern: as levels of exactness, 0 the least; empty if it does not fit."""
+    """The levels of exactness, 0 the least, at which a name fits an extern; () if it does not."""
     levels = []
     if name == extern.name:
         levels.append(0)  # the last one entered wins
@@ -277,7 +277,7 @@ def _no_extern(system: System, externs: list[Extern], name: str) -> Diagnostic:
 
 
 def _own_code_error(system: System, name: str) -> Diagnostic | None:
-    """The error for a name of a component that is no extern; None if nothing has the name."""
+    """The error U005 for the name of a component with own code; None if none has the name."""
     for x in system.components:
         symbol = x.node or x.plant
         if symbol is not None and name in (x.name, x.name.rpartition(".")[2], symbol.name):
@@ -299,14 +299,14 @@ def _unknown_extern_error(where: str, externs: list[Extern], name: str) -> Diagn
 
 
 def not_callable_error(name: str, bound: object) -> Diagnostic:
-    """The error X002 for an object that can answer no extern."""
+    """The error X002 for a bound object that is not callable and has no method `step`."""
     bound_text = f"a `{type(bound).__name__}`, which cannot be called and has no `step`"
     help_ = "bind a function, a class or an object with `step`, or `python:file.py:name`"
     return Diagnostic("X002", f"extern `{name}` is bound to {bound_text}", helps=(help_,))
 
 
 def binding_text(bound: object) -> str:
-    """Says in words what an extern is bound to."""
+    """The binding of an extern in words."""
     if bound is None:
         return "nothing"
     if isinstance(bound, str):
@@ -319,13 +319,13 @@ def binding_text(bound: object) -> str:
 # ---------------------------------------------------------------- bindings to C
 
 
-def is_c(bound: object) -> TypeGuard[str]:
+def is_in_c(bound: object) -> TypeGuard[str]:
     """Whether an extern is bound to C."""
     return isinstance(bound, str) and bound.startswith("c:")
 
 
 def _enter_c_bindings(core: CoreSystem, externs: list[Extern]) -> None:
-    """Enters bindings to C in the components and in Core, for the code generator."""
+    """Enters bindings to C in components and in the lowered system, for the code generator."""
     for extern in externs:
         text = extern.bound if isinstance(extern.bound, str) else None
         if extern.component is not None:
@@ -333,7 +333,7 @@ def _enter_c_bindings(core: CoreSystem, externs: list[Extern]) -> None:
     sources = {x.name: x.bound for x in externs if x.fun is not None}
     core.functions = tuple(
         [
-            replace(f, source=bound if is_c(bound := sources[f.source_name]) else None)
+            replace(f, source=bound if is_in_c(bound := sources[f.source_name]) else None)
             if f.source_name in sources
             else f
             for f in core.functions

@@ -1,10 +1,10 @@
-"""Whether the C of externs may keep state from one call to the next, and fresh copies of such C.
+"""Finds out whether the C of externs may keep state between calls, and copies such libraries.
 
-Purpose: `why_it_keeps_state` looks at the compiler's objects: C that has no variables of its own,
-and only calls functions known to keep nothing, keeps nothing; all other C may.
-`why_input_is_unknown` says why nobody can know on which files and input the C depends. A
-`library_copy` is loaded with variables of its own.
-Non-goals: what the C does keep; assembler and addresses in the C, which can do anything.
+Purpose: `why_it_keeps_state` reads the compiled objects. C keeps no state if it has no variables of
+its own and only calls functions that are known to keep none; all other C may keep state.
+`why_input_is_unknown` says why it is unknown on which files and input the C depends. A
+`library_copy`, when it is loaded, has its own copy of all variables.
+Non-goals: which state the C keeps; assembler and addresses in the C, which can do anything.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.native.cache import SOTER, cached, digest, included_files, making
+from soter.native.cache import SOTER, cached_folder, digest, included_files, work_folder
 from soter.native.compiler import compile_with, find_compiler
 from soter.native.shared_library import (
     NEVER_SHIPPED,
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from soter.codegen.unit import Unit
 
-TOLD, UNKNOWN = "memory.txt", "unknown.txt"
+KEEPS, UNKNOWN = "memory.txt", "unknown.txt"
 LASTS = "it has variables that last from call to call"
 MATH = """
 acos acosh asin asinh atan atan2 atanh cbrt ceil copysign cos cosh erf erfc exp exp2 expm1 fabs fdim
@@ -52,7 +52,7 @@ __tls_get_addr aligned_alloc calloc fflush fprintf fputc fputs free fwrite mallo
 puts rand rand_r realloc snprintf sprintf srand stderr stdout vfprintf vsnprintf
 """
 READ_NOTHING = KEEP_NOTHING.union(FROM_WITHIN.split())
-"""Functions and names that read nothing from outside of the process; some keep state."""
+"""Functions and names that read nothing from outside the process; some keep state."""
 WHEN = re.compile(r"__(?:DATE|TIME|TIMESTAMP)__")
 WRITABLE, OCCUPIES = 1, 2
 SYMBOLS, UNDEFINED, COMMON = 2, 0, 0xFFF2
@@ -65,31 +65,22 @@ LOCAL = 0
 
 @contextmanager
 def library_copy(path: Path) -> Iterator[Path]:
-    """A copy of a library, to load in this block; it stays loaded as long as the process.
-
-    SoterError X006 if the cache cannot be written.
-    """
-    with making() as work:
+    """A temporary copy of a library, to load in a `with` block; it stays loaded. X006."""
+    with work_folder() as work:
         yield Path(shutil.copy2(path, work))
 
 
 def why_it_keeps_state(unit: Unit) -> str:
-    """Why the C of a unit's externs may keep state between calls; "": it cannot.
-
-    SoterError X004 if it does not compile.
-    """
-    return _examination(unit, TOLD)
+    """Why the C of a unit's externs may keep state between calls, "" if it cannot; X004."""
+    return _examined_text(unit, KEEPS)
 
 
 def why_input_is_unknown(unit: Unit) -> str:
-    """Why nobody can know on which bytes the C of a unit's externs depends; "": it is known.
-
-    SoterError X004 if it does not compile.
-    """
-    return _examination(unit, UNKNOWN)
+    """Why it is unknown which files the C of externs depends on, "" if it is known; X004."""
+    return _examined_text(unit, UNKNOWN)
 
 
-def _examination(unit: Unit, file_name: str) -> str:
+def _examined_text(unit: Unit, file_name: str) -> str:
     for source in unit.c_sources:
         if Path(source).suffix != ".c":
             return f"`{Path(source).name}` is no file of C"
@@ -99,7 +90,7 @@ def _examination(unit: Unit, file_name: str) -> str:
     parts = [unit.header, compiler.identity, *flags, *c_texts(*unit.c_sources)]
     parts.append(Path(__file__).read_text(encoding="utf-8"))
 
-    def make(work: Path) -> None:
+    def examine(work: Path) -> None:
         (work / f"{unit.prefix}.h").write_text(unit.header, encoding="utf-8")
         files = [checked_extern(work, k, s, unit.prefix) for k, s in enumerate(unit.c_sources)]
         objects = [work / f"extern_{k + 1}.o" for k in range(len(files))]
@@ -109,17 +100,17 @@ def _examination(unit: Unit, file_name: str) -> str:
             words += ["-c", file, "-o", str(built)]
             compile_with([*compiler.command, *words], work, "the C of an extern does not compile")
         made = [o.read_bytes() for o in objects]
-        (work / TOLD).write_text(_why_it_keeps_state(made), encoding="utf-8")
+        (work / KEEPS).write_text(_why_it_keeps_state(made), encoding="utf-8")
         read = (Path(f"{o}.d").read_text(errors="surrogateescape") for o in objects)
-        unknown = _unknown(" ".join(read), work, unit.c_sources) or _why_it_reads_outside(made)
+        unknown = _why_unknown(" ".join(read), work, unit.c_sources) or _why_it_reads_outside(made)
         (work / UNKNOWN).write_text(unknown, encoding="utf-8", errors="replace")
 
-    folder = cached(f"memory-{unit.prefix[:32]}", digest(parts), (TOLD, UNKNOWN), make)
+    folder = cached_folder(f"memory-{unit.prefix[:32]}", digest(parts), (KEEPS, UNKNOWN), examine)
     return (folder / file_name).read_text(encoding="utf-8")
 
 
-def _unknown(rule: str, work: Path, sources: Iterable[str]) -> str:
-    """Why the compiler read what `included_files` does not know; `rule`: its make rule; "": no."""
+def _why_unknown(rule: str, work: Path, sources: Iterable[str]) -> str:
+    """Why `included_files` misses a file in the compiler's make rule `rule`; "" if it has all."""
     known = included_files(*sources, folders=(RUNTIME, NEVER_SHIPPED))
     for when in (m[0] for text in known.values() for m in WHEN.finditer(text)):
         return f"it says when it was compiled (`{when}`)"
@@ -134,7 +125,7 @@ def _unknown(rule: str, work: Path, sources: Iterable[str]) -> str:
 
 
 def _why_it_reads_outside(objects: list[bytes]) -> str:
-    """Why objects may read files, clocks, the environment or other libraries; "": they do not."""
+    """Why objects may read files, clocks, the environment or other libraries; "" if they cannot."""
     if any(data[:6] != ELF for data in objects):
         return "the compiler's objects cannot be looked into"
     symbols = [x for data in objects for x in _symbols(data)]
@@ -144,7 +135,7 @@ def _why_it_reads_outside(objects: list[bytes]) -> str:
 
 
 def _why_it_keeps_state(objects: list[bytes]) -> str:
-    """Why objects may keep state between calls, in words; "": they cannot."""
+    """Why objects may keep state between calls, in words; "" if they cannot."""
     if any(data[:6] != ELF for data in objects):
         return "the compiler's objects cannot be looked into"
     defined, called = set[str](), set[str]()
@@ -172,7 +163,7 @@ def _string_at(data: bytes, at: int) -> str:
 
 
 def _sections(data: bytes) -> Iterator[tuple[str, int, int]]:
-    """Yields name, flags and length of each section."""
+    """Yields name, flags and length of each section of an ELF file."""
     table = _section_headers(data)
     names = table[struct.unpack_from("<H", data, 0x3E)[0]][4]
     for name, _, flags, _, _, length, *_ in table:
@@ -180,7 +171,7 @@ def _sections(data: bytes) -> Iterator[tuple[str, int, int]]:
 
 
 def _symbols(data: bytes) -> Iterator[tuple[str, int]]:
-    """Yields name and section of each symbol that other objects can see."""
+    """Yields name and section of each symbol of an ELF file that other objects can see."""
     table = _section_headers(data)
     for _, kind, _, _, offset, length, link, _, _, entry in table:
         if kind == SYMBOLS:

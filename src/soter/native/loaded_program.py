@@ -1,7 +1,7 @@
 """Runs a compiled program on a state, by the functions of `runtime/soter.h`.
 
-Purpose: a `Library` is the thinnest Python face of that header; states and traces are numpy arrays
-of bytes.
+Purpose: a `Library` has a Python method for each function of that header. States and traces are
+numpy arrays of bytes.
 Non-goals: compiling (`shared_library.py`), decoding (`core/layout.py`), answering externs
 (`simulate/`).
 """
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class RunStatus(IntEnum):
-    """Why `soter_run` came back."""
+    """The reason why `soter_run` returned."""
 
     END = 0
     EXTERN = 1
@@ -35,7 +35,7 @@ def kernel_interface() -> Any:  # noqa: ANN401 - cffi has no types
 
 
 class Library:
-    """One compiled program, loaded; the caller holds its states."""
+    """One compiled program that is loaded; its states belong to the caller."""
 
     def __init__(
         self, path: Path, prefix: str, state_size: int, owners: Mapping[str, str] | None = None
@@ -46,7 +46,7 @@ class Library:
         self.state_size = state_size
 
     def new_state(self, seed: int) -> Bytes:
-        """A new state, (state_size,), started with this seed."""
+        """A new state, (state_size,) bytes, at the start of a run with this seed."""
         import numpy as np  # noqa: PLC0415 - channels of a robot need none of it
 
         state = np.zeros(self.state_size, dtype=np.uint8)
@@ -56,12 +56,12 @@ class Library:
     def _pointer(self, array: Bytes) -> Any:  # noqa: ANN401 - a cdata pointer
         return self.ffi.cast("void *", array.ctypes.data)
 
-    def run(
+    def run_until(
         self, state: Bytes, until_ns: int, trace: Bytes | None = None
     ) -> tuple[RunStatus, int, int]:
-        """Runs instants up to `until_ns`; `trace` gets their states, (room, state_size).
+        """Runs all instants up to `until_ns`; writes their states to `trace`, (room, state_size).
 
-        Gives the status, how many states were written, and the extern that has to answer.
+        Gives the status, the number of states written, and the component that waits for an answer.
         """
         room = 0 if trace is None else len(trace)
         target = self.ffi.NULL if trace is None else self._pointer(trace)
@@ -71,19 +71,19 @@ class Library:
         )
         return RunStatus(status), int(written[0]), int(due[0])
 
-    def next_instant(self, state: Bytes) -> int:
+    def next_instant_ns(self, state: Bytes) -> int:
         """The time of the next instant in ns; `state` (state_size,)."""
         return int(self.lib.soter_next_instant(self._program, self._pointer(state)))
 
     def publish(self, state: Bytes, topic: int, value: bytes, time_ns: int) -> int:
-        """Sets a topic from outside, measured at `time_ns`; 0, or the fault. `state`: (bytes,)."""
+        """Sets a topic to a value measured at `time_ns`; gives 0 or the fault; `state` (bytes,)."""
         pointer = self.ffi.cast("void *", self.ffi.from_buffer(value))
         return int(
             self.lib.soter_publish(self._program, self._pointer(state), topic, pointer, time_ns)
         )
 
-    def answer(self, state: Bytes, component: int, fault: int, answer: bytes | None) -> None:
-        """Gives the answer for the extern step that waits for it; `state` (state_size,)."""
+    def answer_extern(self, state: Bytes, component: int, fault: int, answer: bytes | None) -> None:
+        """Ends the extern step that waits, with its answer or a fault; `state` (state_size,)."""
         data = self.ffi.NULL if answer is None else self.ffi.from_buffer(answer)
         self.lib.soter_answer(
             self._program, self._pointer(state), component, fault, self.ffi.cast("void *", data)

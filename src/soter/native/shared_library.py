@@ -1,6 +1,6 @@
 """Compiles generated C to a shared library, once for each content.
 
-Purpose: `library` compiles a `Unit` and keeps it in the cache, by everything that matters.
+Purpose: `library` compiles a `Unit` and keeps it in the cache, by a hash of all its inputs.
 Non-goals: generating C, packages for targets, the cache itself (`cache.py`), loading what was
 compiled (`c_interface.py`, `loaded_program.py`).
 """
@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from uuid import uuid4
 
-from soter.native.cache import SOTER, cached, computes_names, digest, included_files
+from soter.native.cache import SOTER, cached_folder, digest, has_macro_includes, included_files
 from soter.native.compiler import DEFECT, STRICT, compile_with, find_compiler
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 RUNTIME = SOTER / "runtime"
 NEVER_SHIPPED = SOTER / "native" / "c"
-"""The folder of C that is used on this machine alone, and is in no package."""
+"""The folder of C that is used on this machine only, and is in no package."""
 KERNEL = ("soter_kernel.c", "soter_virtual.c")
 CHECK_FAILED = NEVER_SHIPPED / "soter_check_failed_exit.c"
 """The C that says what happens on this machine when a check of the run-time or an engine fails."""
@@ -31,11 +31,11 @@ FAULTS = "soter_faults.h"
 """The header of programs whose system has faults."""
 LIBRARY = "program.so"
 TELLING = ("error", "undefined", "previous de")
-"""Words of those lines of a C compiler's output that are worth showing."""
+"""Words in those lines of a C compiler's output that are shown."""
 OWN_SYMBOLS = (
     ("-Wl,-Bsymbolic", "-fno-semantic-interposition") if sys.platform.startswith("linux") else ()
 )
-"""A library calls its own functions: without it an extern named `step` would be that of libc."""
+"""Linker flags: a library calls its own functions first, also if the C library has the name."""
 
 REPORT = "this is a defect of soter: please report it with your compiler's version"
 
@@ -43,10 +43,10 @@ REPORT = "this is a defect of soter: please report it with your compiler's versi
 def c_texts(*sources: str | Path) -> list[str]:
     """Path and text of C files and of every header that they include, Soter's included.
 
-    If a header is not known, a random text is added, so that no key of a cache matches.
+    If macros make the name of a header, a random text is added, so that no cache key matches.
     """
     known = included_files(*sources, folders=(RUNTIME, NEVER_SHIPPED)).items()
-    never = [uuid4().hex] if computes_names([t for _, t in known]) else []
+    never = [uuid4().hex] if has_macro_includes([t for _, t in known]) else []
     return never + [x for p, t in known for x in (p.name if p.is_relative_to(SOTER) else str(p), t)]
 
 
@@ -55,17 +55,17 @@ def library_flags(optimise: str = "-O2") -> tuple[str, ...]:
     return (*STRICT, optimise, "-fPIC", "-shared", *OWN_SYMBOLS)
 
 
-def without_link(flags: Iterable[str]) -> tuple[str, ...]:
-    """These flags without those for the linker."""
+def compile_only_flags(flags: Iterable[str]) -> tuple[str, ...]:
+    """These compiler flags without those for the linker."""
     return tuple(f for f in flags if f != "-shared" and not f.startswith("-Wl,"))
 
 
 def library(
     unit: Unit, optimise: str = "-O2", extra: tuple[str, ...] = (), engine: tuple[Path, ...] = ()
 ) -> Path:
-    """The shared library of a unit, from the cache or compiled now.
+    """The path of the shared library of a unit, from the cache or compiled now.
 
-    `engine`: files that are needed besides the kernel, headers included.
+    `engine`: C files and headers that it needs besides the kernel.
     """
     compiler = find_compiler()
     flags = (*library_flags(optimise), *extra)
@@ -74,12 +74,12 @@ def library(
     parts += c_texts(*kernel, RUNTIME / FAULTS, *engine, *unit.c_sources)
     parts += library_flags() if unit.c_sources else ()
 
-    def make(work: Path) -> None:
+    def compile_library(work: Path) -> None:
         sources = (*kernel, *(file for file in engine if file.suffix == ".c"))
-        runtime = objects(sources, (*without_link(flags), *include_flags(*engine)))
-        compile_in(work, unit, (*flags, *include_flags(*engine)), tuple(map(str, runtime)))
+        runtime = objects(sources, (*compile_only_flags(flags), *include_flags(*engine)))
+        compile_unit(work, unit, (*flags, *include_flags(*engine)), tuple(map(str, runtime)))
 
-    path = cached(unit.prefix[:40], digest(parts), (LIBRARY,), make) / LIBRARY
+    path = cached_folder(unit.prefix[:40], digest(parts), (LIBRARY,), compile_library) / LIBRARY
     if unit.decisions:
         from soter.codegen.conditions import note_library  # noqa: PLC0415 - only then
 
@@ -88,24 +88,24 @@ def library(
 
 
 def objects(sources: tuple[Path, ...], flags: tuple[str, ...]) -> tuple[Path, ...]:
-    """The compiled objects of C files of Soter, with which many programs are linked."""
+    """The paths of the compiled objects of C files of Soter, which many programs share."""
     compiler = find_compiler()
     names = tuple(f"{s.stem}.o" for s in sources)
     content = digest((compiler.identity, *flags, *c_texts(*sources)))
 
-    def make(work: Path) -> None:
-        for source, name in zip(sources, names, strict=True):  # zig makes only the first of several
+    def compile_objects(work: Path) -> None:
+        for source, name in zip(sources, names, strict=True):  # given several, zig compiles one
             command = [*compiler.command, *flags, "-c", str(source), "-o", name]
             compile_with(command, work, "the run-time does not compile", (REPORT,))
 
-    folder = cached("objects", content, names, make)
+    folder = cached_folder("objects", content, names, compile_objects)
     return tuple(folder / name for name in names)
 
 
 def checked_extern(work: Path, number: int, source: str, prefix: str) -> str:
-    """A file that has an extern's C and then the header, so that a wrong signature is an error.
+    """Writes a file that includes an extern's C, then the header; a wrong signature is an error.
 
-    The header comes last, so that the C can ask for features of the system before any header.
+    The header comes last, so that the C can define feature macros before any header.
     """
     path = str(Path(source).resolve())
     if Path(source).suffix != ".c" or '"' in path or "\\" in path:
@@ -115,7 +115,7 @@ def checked_extern(work: Path, number: int, source: str, prefix: str) -> str:
     return str(wrapped)
 
 
-def _helps(unit: Unit) -> tuple[str, ...]:
+def _signature_helps(unit: Unit) -> tuple[str, ...]:
     files = ", ".join(f"`{s}`" for s in unit.c_sources)
     return (
         f"the mistake is most likely in {files}",
@@ -129,13 +129,13 @@ def include_flags(*files: Path) -> tuple[str, ...]:
     return tuple(f"-I{folder}" for folder in folders)
 
 
-def compile_in(work: Path, unit: Unit, flags: tuple[str, ...], runtime: tuple[str, ...]) -> Path:
-    """Compiles a unit in the folder `work`; X004 with the compiler's lines.
+def compile_unit(work: Path, unit: Unit, flags: tuple[str, ...], runtime: tuple[str, ...]) -> Path:
+    """Compiles a unit in the folder `work`; SoterError X004 with the compiler's lines.
 
-    C of externs always gets the same flags, not `flags`, as it may test for them (`__AVX2__`): so
-    it is the same C in runs, campaigns and where its objects are examined. It comes first, as a
-    mistake in it is then reported before a large program is compiled for minutes. `runtime`:
-    sources or objects of the kernel and of what else is needed.
+    C of externs does not get `flags` but always the same flags, because it may test for them
+    (`__AVX2__`): so it is the same in runs, in campaigns and where its objects are examined. It is
+    compiled first, so that a mistake in it is reported before minutes of compiling. `runtime`:
+    sources or objects of the kernel, and others to link.
     """
     (work / f"{unit.prefix}.h").write_text(unit.header, encoding="utf-8")
     source = work / f"{unit.prefix}.c"
@@ -144,9 +144,9 @@ def compile_in(work: Path, unit: Unit, flags: tuple[str, ...], runtime: tuple[st
     found = find_compiler().command
     compiler = [*found, *flags, f"-I{RUNTIME}", f"-I{work}"]
     message = "the C of this program does not compile"
-    helps = _helps(unit) if unit.c_sources else (DEFECT,)
+    helps = _signature_helps(unit) if unit.c_sources else (DEFECT,)
     externs = [checked_extern(work, i, s, unit.prefix) for i, s in enumerate(unit.c_sources)]
-    words = [*found, *without_link(library_flags()), *include_flags(), f"-I{work}"]
+    words = [*found, *compile_only_flags(library_flags()), *include_flags(), f"-I{work}"]
     for i, extern in enumerate(externs):
         if extern.endswith(".c"):
             externs[i] = f"{work / f'extern_{i + 1}.o'}"

@@ -1,11 +1,11 @@
-"""How much stack a package's trusted part needs at most, from the compiler's own figures.
+"""Computes the most stack that a package's trusted part needs, from the compiler's figures.
 
-Purpose: from frames (`-fstack-usage`) and who calls whom (gcc: `-fcallgraph-info=su`; clang: the
-calls in its assembly), the costliest path of calls from the functions that a loop calls.
-Non-goals: stacks of interrupts, of the caller, of the C library and of externs, which are named.
+Purpose: it takes the size of frames (`-fstack-usage`) and the calls (gcc: `-fcallgraph-info=su`;
+clang: its assembly), and finds the costliest path of calls from the functions that a loop calls.
+Non-goals: stacks of interrupts, of the caller, of the C library and of externs; it only names them.
 
-A call through a pointer may go to any function of the program's tables. What cannot be bounded (a
-frame that depends on data, a circle of calls, a compiler without figures) gets no number.
+A call through a pointer may reach any function in the program's tables. There is no bound if a
+frame depends on data, if calls run in a circle, or if the compiler gives no figures.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.current_phase import passing_phase
 from soter.diagnostics.diagnostic import SoterError
-from soter.native.cache import cached, digest
+from soter.native.cache import cached_folder, digest
 from soter.native.compiler import STRICT, TIMEOUT_S, Compiler, find_compiler, run_compiler
 
 if TYPE_CHECKING:
@@ -28,15 +28,15 @@ OPTIMISE = "-O2"
 """The optimisation of a package's Makefile, unless the user sets another."""
 INDIRECT = "__indirect_call"
 RETURNS_HERE = 16
-"""Bytes that a call itself may take where the compiler's figure leaves it out (clang)."""
+"""Bytes that a call itself may take, which the figures of clang leave out."""
 RED_ZONE = 128
-"""Bytes below its frame that the last function of a path may use (x86-64), which no figure has."""
+"""Bytes below its frame that the last function of a path may use (x86-64); in no figure."""
 FOUND = "stack.json"
 SILENT = "this compiler tells no stack usage (gcc does, and clang for x86-64 and aarch64 of Linux)"
 QUIET = frozenset(
     {"soter_check_failed", "__assert_fail", "__assert_rtn", "abort", "__stack_chk_fail"}
 )
-"""Functions that do not return; the stack of those that the user writes is not counted."""
+"""Functions that do not return; their stack is not counted, and they are not named."""
 ROLES = "step|failsafe|effect|exchange|happens|overrun|decide|violated|publish|init|order|self_test"
 TABLE = re.compile(rf"\.({ROLES}) = (\w+)")
 NODE = re.compile(r'^node: \{ title: "([^"]+)" label: "([^"]*)"')
@@ -45,13 +45,13 @@ BYTES = re.compile(r"\\n(\d+) bytes \((\w+(?:,\w+)*)\)")
 LABEL = re.compile(r"^([A-Za-z_][\w.$]*):")
 CALL = re.compile(r"^\s+(callq?|bl|blr|jmpq?|b|br)\s+(\S+)")
 READABLE = re.compile(r"^Target: (x86_64|aarch64)-\S*linux", re.MULTILINE)
-"""The targets of clang whose assembly can be read here; others get no figure."""
+"""The targets of clang whose assembly this module can read; others get no bound."""
 TAIL = frozenset({"jmp", "jmpq", "b", "br"})
 
 
 @dataclass
 class StackGraph:
-    """Frames and calls; a function is `file:name`, or `name` if all files can call it."""
+    """The frame sizes and calls of functions: `file:name`, or `name` if all files can call it."""
 
     frames: dict[str, int] = field(default_factory=dict)
     calls: dict[str, set[str]] = field(default_factory=dict)
@@ -60,9 +60,9 @@ class StackGraph:
 
 @dataclass(frozen=True)
 class StackBound:
-    """`bytes`, or None and `why`; `way`: the functions of the costliest path, outermost first.
+    """The most stack in `bytes`, or None and `why`; `way`: the costliest path, outermost first.
 
-    `not_counted`: functions that are called and whose own stack comes on top.
+    `not_counted`: called functions whose own stack has to be added.
     """
 
     bytes: int | None
@@ -78,9 +78,9 @@ def stack_bound(
     left_out: Iterable[str] = (),
     cross: Compiler | None = None,
 ) -> StackBound:
-    """The bound of C files (name -> text) for every function whose name begins with `entries`.
+    """The stack bound of C files (name -> text), for functions whose names begin with `entries`.
 
-    `left_out`: functions of the tables outside of the trusted part, such as the steps of plants.
+    `left_out`: functions in the tables that are not of the trusted part, as steps of plants.
     `cross`: a compiler for another processor, with its flags.
     """
     try:
@@ -94,13 +94,13 @@ def stack_bound(
     texts = [x for pair in files.items() for x in pair]
     content = digest([compiler.identity, rules, entries, str(below), *left, *flags, *texts])
 
-    def make(work: Path) -> None:
+    def measure(work: Path) -> None:
         with passing_phase("compiling the package: how much stack it needs"):
             stack = _measure_stack(work, list(compiler.command), flags, files, entries, left, below)
         (work / FOUND).write_text(json.dumps(vars(stack)), encoding="utf-8")
 
     stored = json.loads(
-        (cached("stack", content, (FOUND,), make) / FOUND).read_text(encoding="utf-8")
+        (cached_folder("stack", content, (FOUND,), measure) / FOUND).read_text(encoding="utf-8")
     )
     way, rest = tuple(stored["way"]), tuple(stored["not_counted"])
     return StackBound(stored["bytes"], stored["compiler"], way, rest, stored["why"])
@@ -143,7 +143,7 @@ def _measure_stack(
 
 
 def _read_gcc_graph(work: Path) -> StackGraph:
-    """The graph in gcc's `.ci` files, whose frames include the return address."""
+    """Reads the graph in gcc's `.ci` files, whose frames include the return address."""
     graph = StackGraph()
     for path in sorted(work.glob("*.ci")):
         for line in path.read_text(encoding="utf-8").splitlines():
@@ -161,7 +161,7 @@ def _read_gcc_graph(work: Path) -> StackGraph:
 
 
 def _read_clang_graph(work: Path) -> StackGraph:
-    """The graph in clang's `.su` files (frames) and `.s` files (calls)."""
+    """Reads the graph in clang's `.su` files (frames) and `.s` files (calls)."""
     graph = StackGraph()
     for path in sorted(work.glob("*.su")):
         file_name = path.with_suffix(".c").name
@@ -175,13 +175,13 @@ def _read_clang_graph(work: Path) -> StackGraph:
             graph.frames[here[name]] = int(size) + RETURNS_HERE
             if "dynamic" in kind:
                 graph.unbounded.append(here[name])
-        for name, called in _calls(assembly, set(here)):
+        for name, called in _calls_in_assembly(assembly, set(here)):
             graph.calls.setdefault(here[name], set()).add(here.get(called, called))
     return graph
 
 
-def _calls(assembly: str, functions: set[str]) -> Iterable[tuple[str, str]]:
-    """Yields who calls whom; a jump through a register beside a jump table is one of a `switch`."""
+def _calls_in_assembly(assembly: str, functions: set[str]) -> Iterable[tuple[str, str]]:
+    """Yields (caller, called); skips register jumps in functions with jump tables: a `switch`."""
     parts: dict[str, list[str]] = {}
     now = ""
     for line in assembly.splitlines():
@@ -204,11 +204,11 @@ def _calls(assembly: str, functions: set[str]) -> Iterable[tuple[str, str]]:
                 yield name, target
 
 
-# ---------------------------------------------------------------- the dearest way
+# ---------------------------------------------------------------- the costliest path
 
 
 class _EndlessError(Exception):
-    """Calls run in a circle, or a frame has no bound."""
+    """There is no bound: calls run in a circle, or a frame depends on data."""
 
 
 def _bound_stack(
@@ -221,7 +221,7 @@ def _bound_stack(
     known: dict[str, tuple[int, tuple[str, ...]]] = {}
     outside: set[str] = set()
 
-    def deepest(title: str, above: tuple[str, ...]) -> tuple[int, tuple[str, ...]]:
+    def costliest_path(title: str, above: tuple[str, ...]) -> tuple[int, tuple[str, ...]]:
         if title in above:
             circle = " -> ".join((*above[above.index(title) :], title))
             raise _EndlessError(f"calls run in a circle: {circle}")
@@ -232,7 +232,7 @@ def _bound_stack(
             return 0, ()
         if title in graph.unbounded:
             raise _EndlessError(f"the frame of `{_plain_name(title)}` depends on data")
-        below = [deepest(t, (*above, title)) for t in sorted(graph.calls.get(title, ()))]
+        below = [costliest_path(t, (*above, title)) for t in sorted(graph.calls.get(title, ()))]
         most, way = max(below, default=(0, ()), key=lambda x: x[0])
         here = () if title == INDIRECT else (_plain_name(title),)
         known[title] = most + graph.frames.get(title, 0), (*here, *way)
@@ -242,12 +242,12 @@ def _bound_stack(
     if not starts:
         return StackBound(None, compiler, why="no function of the interface was found")
     try:
-        size, way = max((deepest(t, ()) for t in sorted(starts)), key=lambda x: x[0])
+        size, way = max((costliest_path(t, ()) for t in sorted(starts)), key=lambda x: x[0])
     except _EndlessError as error:
         return StackBound(None, compiler, why=str(error))
     return StackBound(size + below, compiler, way, tuple(sorted(outside)))
 
 
 def _plain_name(title: str) -> str:
-    """The name in `file.c:name.isra.0`: without the file, and what the compiler has added."""
+    """The name in `file.c:name.isra.0`, without the file and the compiler's suffix."""
     return title.rpartition(":")[2].partition(".")[0]

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.codes import explain as page_of
-from soter.diagnostics.codes import known_code, suggestions
+from soter.diagnostics.codes import known_code, similar_codes
 from soter.diagnostics.diagnostic import Diagnostics, SoterError, Source, mistake
 from soter.diagnostics.render import render_all, to_json
 from soter.diagram.svg import picture
@@ -49,7 +49,7 @@ ELEMENTS_MAX = 4
 
 @dataclass(frozen=True)
 class Signal:
-    """A number: of topic `index`, or with `plant` of the state of component `index`."""
+    """A number over time: of topic `index`, or (`plant`) of a true state of component `index`."""
 
     name: str
     unit: str
@@ -65,7 +65,7 @@ class Signal:
         return float(value)
 
     def about(self) -> dict[str, object]:
-        """The signal's name and unit, for the page."""
+        """The signal's name and unit, as JSON for the page."""
         return {"name": self.name, "unit": self.unit}
 
 
@@ -75,29 +75,29 @@ def system_signals(system: System) -> list[Signal]:
     for c in system.components:
         if c.plant is not None:
             for i, v in enumerate(c.plant.states):
-                for name, unit, path in _numbers(f"{c.name}.{v.name}", v.type):
+                for name, unit, path in _numbers_in_type(f"{c.name}.{v.name}", v.type):
                     signals.append(Signal(name, unit, plant=True, index=c.index, path=(i, *path)))
     for t in system.topics:
         if t.queue_of is None and not t.held:
-            for name, unit, path in _numbers(t.name, t.type):
+            for name, unit, path in _numbers_in_type(t.name, t.type):
                 signals.append(Signal(name, unit, plant=False, index=t.index, path=path))
     return signals[:SIGNALS_MAX]
 
 
-def _numbers(
+def _numbers_in_type(
     name: str, t: Type, path: tuple[int, ...] = ()
 ) -> Iterator[tuple[str, str, tuple[int, ...]]]:
-    """Yields name, unit and path of each number of a type; long arrays and lists are left out."""
+    """Yields name, unit and path of each number in a type; long arrays and lists have none."""
     if isinstance(t, (FloatType, IntType)):
         yield name, t.unit, path
     elif isinstance(t, BoolType):
         yield name, "", path
     elif isinstance(t, RecordType):
         for i, (n, f) in enumerate(t.fields):
-            yield from _numbers(f"{name}.{n}", f, (*path, i))
+            yield from _numbers_in_type(f"{name}.{n}", f, (*path, i))
     elif isinstance(t, ArrayType) and t.size <= ELEMENTS_MAX:
         for i in range(t.size):
-            yield from _numbers(f"{name}[{i}]", t.element, (*path, i))
+            yield from _numbers_in_type(f"{name}[{i}]", t.element, (*path, i))
 
 
 UNTIL_NS = 10 * 10**9
@@ -109,7 +109,7 @@ CLOCK_EVERY = 16
 
 
 def check(path: str, text: str) -> str:
-    """As JSON: whether a program is well-formed, its diagnostics, systems, and default picture."""
+    """JSON on a program: whether it is well-formed, diagnostics, systems and a picture."""
     checked = check_file(path, text)
     reply: dict[str, object] = {
         "ok": checked.ok,
@@ -123,7 +123,7 @@ def check(path: str, text: str) -> str:
 
 
 def _default_picture(checked: CheckResult) -> dict[str, object]:
-    """The picture of the default system, or else of the first one."""
+    """The name and the picture of the default system, or else of the first system."""
     symbol = checked.default_system()
     name = symbol.name if symbol is not None else next(iter(checked.systems), None)
     if name is None:
@@ -132,7 +132,7 @@ def _default_picture(checked: CheckResult) -> dict[str, object]:
 
 
 def layout(path: str, text: str) -> str:
-    """As JSON: the program well laid out; unchanged, with diagnostics, if it does not parse."""
+    """JSON with the program in standard layout; unchanged, with diagnostics, if it has errors."""
     diagnostics = Diagnostics()
     done = format_source(Source(path, text), diagnostics)
     shown = render_all(diagnostics.items)
@@ -142,9 +142,9 @@ def layout(path: str, text: str) -> str:
 
 
 def explain(code: str) -> str:
-    """As JSON: the page of a diagnostic code."""
+    """JSON with the page of a diagnostic code, or with similar codes."""
     page = page_of(code)
-    near = suggestions(code)
+    near = similar_codes(code)
     if page is None:
         page = f"There is no code `{code[:40]}`." + (
             f" Did you mean {', '.join(near)}?" if near else ""
@@ -173,10 +173,10 @@ class PlaygroundSession:
         self._modes = [m.mode for m in self._record.modules]
         self._step_ns = max(self.until_ns // SAMPLES_MAX, 1)
         self._sampled_ns = -self._step_ns
-        self._told = [False] * len(self._record.properties)
+        self._is_reported = [False] * len(self._record.properties)
 
     def about(self) -> str:
-        """As JSON: what the page is going to draw."""
+        """JSON about what the page is going to draw."""
         notes = [
             f"{m.name} leaves `ttf` or `safer` to be computed, which needs a compiler: AC never "
             "gets control here"
@@ -208,7 +208,7 @@ class PlaygroundSession:
         )
 
     def advance(self, budget_s: float) -> str:
-        """Runs for about `budget_s` seconds; as JSON: samples, changes of mode, violations."""
+        """Runs for about `budget_s` s; gives JSON: samples, mode changes, violations."""
         deadline = time.perf_counter() + budget_s
         rows: list[list[object]] = []
         events: list[dict[str, object]] = []
@@ -239,14 +239,14 @@ class PlaygroundSession:
         )
 
     def _sample_row(self) -> list[object]:
-        """A row of samples: the time, the modes, the signals."""
+        """A row of samples: the time in s, the modes (1: AC), the signals."""
         c = self._configuration
         values = [s.value_in(c) for s in self.signals]
         finite = [v if math.isfinite(v) else None for v in values]
         return [c.ct / 1e9, [int(m == AC) for m in self._modes], finite]
 
     def _note_changes(self, events: list[dict[str, object]]) -> bool:
-        """Adds mode changes and new violations to `events`; whether a mode changed."""
+        """Adds mode changes and new violations to `events`; True if a mode changed."""
         now = [m.mode for m in self._record.modules]
         time_s = self._configuration.ct / 1e9
         changed = now != self._modes
@@ -266,15 +266,15 @@ class PlaygroundSession:
                     )
             self._modes = now
         for i, p in enumerate(self._record.properties):
-            if p.count and not self._told[i]:
-                self._told[i] = True
+            if p.count and not self._is_reported[i]:
+                self._is_reported[i] = True
                 text = self.system.properties[i].text
                 events.append({"time_s": time_s, "what": text, "why": "violated", "bad": True})
         return changed
 
 
 def start(path: str, text: str, system: str = "", seed: int = 1) -> PlaygroundSession | str:
-    """A session, or the text of the diagnostics that prevent it."""
+    """A session, or the text of the diagnostics for which there can be none."""
     try:
         return PlaygroundSession(path, text, system, seed)
     except SoterError as error:
@@ -282,6 +282,6 @@ def start(path: str, text: str, system: str = "", seed: int = 1) -> PlaygroundSe
 
 
 def unanswered_error(error: UnboundExternError) -> SoterError:
-    """The error X001 for a program with externs, whose code is not in the page."""
+    """The error X001 for a program with externs, which the page cannot call."""
     note = "externs in Python and C run on your machine: `pip install`, then `soter run`"
     return mistake("X001", str(error), notes=(note,))

@@ -42,7 +42,7 @@ CLOCK = (1980, 1, 1, 0, 0, 0)
 
 
 def page_text(runtime: Mapping[str, bytes], examples: Mapping[str, str], links: str = "") -> str:
-    """The HTML; `runtime`: Pyodide's files by name; `examples`: programs by path.
+    """The HTML of the page; `runtime`: Pyodide's files by name; `examples`: programs by path.
 
     `links`: HTML below the title, such as the way to the docs.
     """
@@ -70,7 +70,7 @@ def page_text(runtime: Mapping[str, bytes], examples: Mapping[str, str], links: 
 
 
 def soter_archive(examples: Mapping[str, str]) -> bytes:
-    """Soter and the examples as a zip file: `soter/...` and `examples/...`."""
+    """A zip file with Soter and the examples: `soter/...` and `examples/...`."""
     root = Path(str(resources.files("soter")))
     made = io.BytesIO()
     with zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as zipped:
@@ -92,7 +92,7 @@ def _packed_files(root: Path) -> list[Path]:
 
 
 def _lock_without_packages(text: bytes) -> bytes:
-    """Pyodide's lock file without packages, as the page has none."""
+    """Pyodide's lock file with an empty list of packages, as the page has none."""
     return json.dumps({**json.loads(text), "packages": {}}).encode()
 
 
@@ -117,7 +117,7 @@ def runtime_files(source: str | Path | None = None) -> dict[str, bytes]:
     Without it npm is asked. SoterError D007 if there is no npm, D006 if files are missing.
     """
     if source is not None:
-        return _from_folder(Path(source)) if Path(source).is_dir() else _from_package(Path(source))
+        return _read_folder(Path(source)) if Path(source).is_dir() else _read_package(Path(source))
     npm = shutil.which("npm")
     if npm is None:
         raise mistake(
@@ -140,16 +140,16 @@ def runtime_files(source: str | Path | None = None) -> dict[str, bytes]:
             lines = done.stderr.strip().splitlines() or ["npm said nothing"]
             message = f"npm could not fetch `pyodide@{VERSION}`: {lines[-1]}"
             raise mistake("D007", message, "give the package yourself: --pyodide pyodide.tgz")
-        return _from_package(packages[0])
+        return _read_package(packages[0])
 
 
-def _from_folder(folder: Path) -> dict[str, bytes]:
+def _read_folder(folder: Path) -> dict[str, bytes]:
     if missing := [name for name in FILES if not (folder / name).is_file()]:
         raise mistake("D006", f"`{folder}` is no Pyodide: there is no {', '.join(missing)}")
     return {name: (folder / name).read_bytes() for name in FILES}
 
 
-def _from_package(path: Path) -> dict[str, bytes]:
+def _read_package(path: Path) -> dict[str, bytes]:
     content_by_name: dict[str, bytes] = {}
     try:
         with tarfile.open(path) as packed:
@@ -194,7 +194,7 @@ def examples_in(folder: Path) -> dict[str, str]:
 
 
 def own_examples() -> dict[str, str]:
-    """The example that comes with Soter, a small robot."""
+    """The examples that come with Soter, by file name."""
     assets = resources.files("soter.playground") / "assets"
     return {
         Path(p.name).name: p.read_text(encoding="utf-8")

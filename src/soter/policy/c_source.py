@@ -1,4 +1,4 @@
-"""A network as C that answers an extern node: for campaigns, packages and boards.
+"""Writes a network as C that answers an extern node, for campaigns, packages and boards.
 
 Purpose: `c_source` writes a file to bind with `c:FILE:FUNCTION`. Layers are computed in float32 as
 `network.py` does, sums in double, so that the answer is that of the policy's file within rounding;
@@ -25,7 +25,7 @@ from soter.policy.network import (
     Standardised,
 )
 from soter.policy.policy_errors import bad_policy
-from soter.policy.policy_extern import frame_rows, require_axes
+from soter.policy.policy_extern import frame_row_count, require_axes
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -68,7 +68,7 @@ def c_source(
     places = [place for n, t in reads for place, _ in _number_places(f"in->{_member_name(n)}", t)]
     lines = [f'#include "{header}"', "#include <math.h>", "#include <string.h>", ""]
     lines += [f"int {function}(const {name}_in *in, {name}_out *out);", ""]
-    rows = frame_rows(policy.path, policy.shapes.get("", ()), network.inputs, reads)
+    rows = frame_row_count(policy.path, policy.shapes.get("", ()), network.inputs, reads)
     body = _observation_code(policy, places, rows)
     size, at = network.inputs, "x0"
     for number, layer in enumerate(network.layers, 1):
@@ -205,8 +205,8 @@ def _answer_code(policy: Policy, writes: Shapes, size: int, at: str) -> Iterator
     """Yields the statements that write the node's outputs, number by number."""
     network = policy.network
     places = [(p, k) for n, t in writes for p, k in _number_places(f"out->{field_name(n)}", t)]
-    if len(places) != network.answers:
-        why = f"it answers {network.answers} numbers, the node publishes {len(places)}"
+    if len(places) != network.answer_count:
+        why = f"it answers {network.answer_count} numbers, the node publishes {len(places)}"
         raise bad_policy(policy.path, why)
     require_axes(policy.path, policy.acted, writes)
     start = 0

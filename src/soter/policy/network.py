@@ -1,4 +1,4 @@
-"""A small network: its layers, and what it answers in float32.
+"""Holds the layers of a small network, which answer in float32.
 
 Purpose: the one form that files are read into, and that is run, bounded, and written as Soter or C.
 Non-goals: files (`sb3_file.py`, `onnx_file.py`), convolutions, training.
@@ -26,7 +26,7 @@ OPERATIONS = {"+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide}
 
 @dataclass(frozen=True, eq=False)
 class Standardised:
-    """clip((x - mean) / deviation, -limit, limit), in float64, then rounded: VecNormalize's.
+    """clip((x - mean) / deviation, -limit, limit), in float64, then rounded, as VecNormalize does.
 
     All (n,); a number that is not normalised has mean 0, deviation 1 and no limit (infinity).
     """
@@ -38,7 +38,7 @@ class Standardised:
 
 @dataclass(frozen=True)
 class OneHot:
-    """Each number, whole and below its `size`, as `size` numbers of which one is 1; 0: as it is."""
+    """Replaces a whole number below its size by `size` numbers, one of them 1; size 0: keeps it."""
 
     sizes: tuple[int, ...]
 
@@ -134,12 +134,12 @@ class Network:
         return sizes[-1] if sizes else self.inputs
 
     @property
-    def answers(self) -> int:
+    def answer_count(self) -> int:
         """How many numbers or indices the answer has."""
         return len(self.choices) or self.outputs
 
     @property
-    def weights(self) -> int:
+    def weight_count(self) -> int:
         """How many numbers the matrices have."""
         return sum(x.weight.size for x in self.layers if isinstance(x, (Affine, Lstm)))
 
@@ -157,12 +157,12 @@ class Policy:
     """What a file says of a policy.
 
     `facts`: what was read, as name and words. `assumed`: what is assumed as no file says it.
-    `per_frame`: what is done to each frame before frames are stacked. `box`: the least and the
+    `per_frame`: the layer that scales each frame before they are stacked. `box`: the least and the
     largest observation, (inputs,) each, where the file says finite ones. `keys`: of observations
     by name, the names in the order in which the network takes them, and how many numbers each has.
     `beside`: a file that was read though nobody named it. `shapes`: of observations that are a Box,
-    by name, the axes of each; "" is the name of a single one. `acted`: the axes of the answer, ()
-    where it has no more than one.
+    by name, the axes of each; "" is the name of a single one. `acted`: the axes of an answer that
+    is a Box or an array of ONNX, else ().
     """
 
     path: str
@@ -199,7 +199,7 @@ def numbers_text(count: int) -> str:
     return f"{count} number{'s' * (count != 1)}"
 
 
-def _bad_numbers(layer: Layer, arrays: list[Floats]) -> str:
+def _problem_of_numbers(layer: Layer, arrays: list[Floats]) -> str:
     bounds = (layer.limit,) if isinstance(layer, Standardised) else ()
     finite = [a for a in arrays if all(a is not b for b in bounds)]
     if not all(np.isfinite(a).all() for a in finite) and not isinstance(layer, Clipped):
@@ -221,7 +221,7 @@ def network_problem(network: Network) -> str:
         takes = _input_count(layer)
         if takes not in (None, size):
             return f"layer {number} takes {numbers_text(takes)}, and is given {size}"
-        if wrong := _bad_numbers(layer, arrays):
+        if wrong := _problem_of_numbers(layer, arrays):
             return f"layer {number} {wrong}"
         size = _output_count(layer) or size
     if network.choices and sum(network.choices) != size:
@@ -233,8 +233,8 @@ def network_problem(network: Network) -> str:
 # ---------------------------------------------------------------- in float32
 
 
-def standardise(layer: Standardised, x: Doubles) -> Floats:
-    """The observations (..., n), scaled and clipped as VecNormalize does."""
+def standardised_numbers(layer: Standardised, x: Doubles) -> Floats:
+    """The observations, (..., n), after VecNormalize's scaling and clipping."""
     scaled = (x - layer.mean) / layer.deviation
     return np.clip(scaled, -layer.limit, layer.limit).astype(np.float32)
 
@@ -303,12 +303,12 @@ def _elementwise_steps(layer: Layer, x: Floats, out: Floats) -> list[Callable[[]
     if isinstance(layer, Elementwise):
         return [partial(OPERATIONS[layer.operation], x, layer.operand, out=out)]
     if isinstance(layer, Activation):
-        of = ACTIVATIONS[layer.name]
-        return [lambda: np.copyto(out, of(x))]
+        activation = ACTIVATIONS[layer.name]
+        return [lambda: np.copyto(out, activation(x))]
     if isinstance(layer, OneHot):
         return [partial(_write_one_hot, layer.sizes, x, out)]
     assert isinstance(layer, Standardised)
-    return [lambda: np.copyto(out, standardise(layer, x.astype(np.float64)))]
+    return [lambda: np.copyto(out, standardised_numbers(layer, x.astype(np.float64)))]
 
 
 def _write_one_hot(sizes: Sequence[int], x: Floats, out: Floats) -> None:
@@ -369,7 +369,7 @@ ACTIVATIONS: dict[str, Callable[[Floats], Floats]] = {
 """The activations by torch's name, with torch's default parameters."""
 
 
-def last_layer(network: Network, observation: Floats) -> Floats:
+def last_layer_numbers(network: Network, observation: Floats) -> Floats:
     """The last layer's numbers in float32, (outputs,), for one observation (inputs,)."""
     asked = prepare_network(network)
     asked.observation[:] = observation

@@ -1,4 +1,4 @@
-"""A policy in an ONNX file: its bytes, asked through onnxruntime, and as a small network.
+"""Reads a policy in an ONNX file: as bytes for onnxruntime, and as a small network.
 
 Purpose: `onnx_content` gives the bytes, and puts weights from other files into them: a tensor may
 name a file (`external_data` of the format), as `torch.onnx.export` writes it, which is looked for
@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from soter.language.load.named_files import ReadError, beside, read_bytes
+from soter.language.load.named_files import ReadError, path_beside, read_bytes
 from soter.policy.network import (
     Affine,
     Clipped,
@@ -57,17 +57,17 @@ REFUSED = {
         ),
     ),
 }
-"""Why an operator is not run, and what to do: one that repeats as often as it likes, or draws.
+"""The operators that are not run, as they loop or draw: why, and what to do instead.
 
-A Dropout without a third input (`training_mode`) is none of them: it changes nothing.
+A Dropout without a third input (`training_mode`) is run all the same: it changes nothing.
 """
 REFUSED_BYTES = re.compile(b"Loop|Random|Multinomial|Bernoulli|Dropout|Sampling")
 LOCATION = b"location"
-"""The key before the name of another file, in every ONNX file that names one (`onnx.proto`)."""
+"""The key that stands before another file's name in an ONNX file (`onnx.proto`)."""
 
 
 class OnnxContent(NamedTuple):
-    """ONNX without other files; `beside`: SHA-256 of each file that was put into it, by name."""
+    """An ONNX model in one piece; `beside`: SHA-256, by name, of each file that was put into it."""
 
     data: bytes
     beside: dict[str, str]
@@ -79,13 +79,13 @@ def onnx_content(path: Path) -> OnnxContent:
     if LOCATION not in data and REFUSED_BYTES.search(data) is None:
         return OnnxContent(data, {})
     model = parse_model(path, data)
-    for node in _messages(model, "NodeProto"):
+    for node in _messages_of_kind(model, "NodeProto"):
         if node.op_type in REFUSED and (node.op_type != "Dropout" or any(node.input[2:3])):
             why, *helps = REFUSED[node.op_type]
             raise bad_policy(path, f"it has the operator {node.op_type}, {why}", *helps)
     files: dict[str, bytes] = {}
     room = FILE_MAX
-    for tensor in _messages(model, "TensorProto"):
+    for tensor in _messages_of_kind(model, "TensorProto"):
         if tensor.data_location == tensor.EXTERNAL or tensor.external_data:
             _load_tensor(path, tensor, files, room)
             room -= len(tensor.raw_data)
@@ -108,14 +108,14 @@ def parse_model(path: Path, data: bytes) -> Any:  # noqa: ANN401 - no types
         raise bad_policy(path, "it is no ONNX file") from error
 
 
-def _messages(message: Any, kind: str) -> Iterator[Any]:  # noqa: ANN401
+def _messages_of_kind(message: Any, kind: str) -> Iterator[Any]:  # noqa: ANN401
     """Yields every message of a kind inside one: in graphs, their operators, functions."""
     if message.DESCRIPTOR.name == kind:
         yield message
     for field, value in message.ListFields():
         if field.message_type is not None:
             for part in value if field.is_repeated else (value,):
-                yield from _messages(part, kind)
+                yield from _messages_of_kind(part, kind)
 
 
 def _load_tensor(path: Path, tensor: Any, files: dict[str, bytes], room: int) -> None:  # noqa: ANN401
@@ -126,7 +126,7 @@ def _load_tensor(path: Path, tensor: Any, files: dict[str, bytes], room: int) ->
     entries = {entry.key: entry.value for entry in tensor.external_data}
     name = entries.get("location", "")
     if name not in files:
-        files[name] = _beside(path, tensor.name, name, FILE_MAX - sum(map(len, files.values())))
+        files[name] = _read_file(path, tensor.name, name, FILE_MAX - sum(map(len, files.values())))
     raw = files[name]
     try:
         start = int(entries.get("offset", "0"))
@@ -143,9 +143,9 @@ def _load_tensor(path: Path, tensor: Any, files: dict[str, bytes], room: int) ->
     del tensor.external_data[:]
 
 
-def _beside(path: Path, tensor: str, name: str, limit: int) -> bytes:
+def _read_file(path: Path, tensor: str, name: str, limit: int) -> bytes:
     """The bytes of a file in the ONNX file's folder; X014 for other places and unreadable files."""
-    at = beside(path, name)
+    at = path_beside(path, name)
     if at is None:
         why = f"its constant `{tensor}` is said to lie in `{name[:80]}`"
         raise bad_policy(path, why, "only files in the folder of the ONNX file are read")
@@ -207,7 +207,7 @@ def read_onnx(path: Path) -> Policy:
 
 def _read_network(graph: Any) -> tuple[str, str, Network]:  # noqa: ANN401 - no types
     """The names of the observation and the answer, and the layers between them."""
-    constants = _constants(graph)
+    constants = _constants_by_name(graph)
     inputs = [x for x in graph.input if x.name not in constants]
     if len(inputs) != 1 or not graph.output:
         counts = f"{len(inputs)} inputs and {len(graph.output)} outputs"
@@ -221,7 +221,7 @@ def _read_network(graph: Any) -> tuple[str, str, Network]:  # noqa: ANN401 - no 
     layers: list[Layer] = []
     for node in chain:
         network = Network(size, tuple(layers))
-        layers += _find_maker(node)(node, constants, network.outputs)
+        layers += _layer_maker(node)(node, constants, network.outputs)
     network = Network(size, tuple(layers))
     choices = (network.outputs,) if choice else ()
     return inputs[0].name, answered, Network(size, tuple(layers), choices)
@@ -238,7 +238,7 @@ def _constant_array(tensor: Any) -> npt.NDArray[Any]:  # noqa: ANN401
     return array
 
 
-def _constants(graph: Any) -> dict[str, npt.NDArray[Any]]:  # noqa: ANN401
+def _constants_by_name(graph: Any) -> dict[str, npt.NDArray[Any]]:  # noqa: ANN401
     if graph.sparse_initializer:
         raise _UnreadError("it has sparse constants")
     constants = {x.name: _constant_array(x) for x in graph.initializer}
@@ -272,7 +272,7 @@ def _observation_size(value: Any) -> int:  # noqa: ANN401
     return int(sizes[-1])
 
 
-def _moving_input(node: Any, constants: Constants) -> str:  # noqa: ANN401
+def _variable_input(node: Any, constants: Constants) -> str:  # noqa: ANN401
     moving: list[str] = [name for name in node.input if name and name not in constants]
     if len(moving) != 1:
         raise _UnreadError(f"its {node.op_type} is of {len(moving)} values that change")
@@ -290,7 +290,7 @@ def _operator_chain(graph: Any, constants: Constants, start: str, end: str) -> l
             raise _UnreadError(f"nothing leads from its input to `{at}`")
         if node.domain or any(a.g.node or a.graphs for a in node.attribute):
             raise _UnreadError(f"it has the operator {node.domain or 'main'}.{node.op_type}")
-        at = _moving_input(node, constants)
+        at = _variable_input(node, constants)
         if node.op_type == "ArgMax" and chain:
             raise _UnreadError("its ArgMax is not the last operator")
         chain.insert(0, node)
@@ -302,7 +302,7 @@ def _operator_chain(graph: Any, constants: Constants, start: str, end: str) -> l
 # ---------------------------------------------------------------- operators
 
 
-def _attributes(node: Any) -> dict[str, Any]:  # noqa: ANN401
+def _attributes_by_name(node: Any) -> dict[str, Any]:  # noqa: ANN401
     from onnx import helper  # noqa: PLC0415 - as above
 
     return {a.name: helper.get_attribute_value(a) for a in node.attribute}
@@ -316,7 +316,7 @@ def _constant_vector(array: npt.NDArray[Any], size: int) -> Floats:
 
 
 def _gemm_layers(node: Any, constants: Constants, size: int) -> list[Layer]:  # noqa: ANN401
-    how = {"alpha": 1.0, "beta": 1.0, "transA": 0, "transB": 0} | _attributes(node)
+    how = {"alpha": 1.0, "beta": 1.0, "transA": 0, "transB": 0} | _attributes_by_name(node)
     if how["alpha"] != 1.0 or how["beta"] != 1.0 or how["transA"] or node.input[0] in constants:
         raise _UnreadError("its Gemm has factors, or an observation on another side")
     weight = _weight_matrix(constants.get(node.input[1]), size, transposed=bool(how["transB"]))
@@ -348,7 +348,7 @@ def _arithmetic_layers(node: Any, constants: Constants, size: int) -> list[Layer
 
 
 def _clip_layers(node: Any, constants: Constants, size: int) -> list[Layer]:  # noqa: ANN401
-    attributes = _attributes(node)
+    attributes = _attributes_by_name(node)
     bounds = [np.float32(attributes.get("min", -np.inf)), np.float32(attributes.get("max", np.inf))]
     for place, name in enumerate(node.input[1:3]):
         if name:
@@ -359,9 +359,9 @@ def _clip_layers(node: Any, constants: Constants, size: int) -> list[Layer]:  # 
 
 def _no_layer(node: Any, constants: Constants, size: int) -> list[Layer]:  # noqa: ANN401
     """No layers, for an operator that leaves the numbers of an observation as they are."""
-    if node.op_type == "Flatten" and _attributes(node).get("axis", 1) not in (0, 1):
+    if node.op_type == "Flatten" and _attributes_by_name(node).get("axis", 1) not in (0, 1):
         raise _UnreadError("its Flatten makes several rows of one observation")
-    if node.op_type == "Cast" and _attributes(node).get("to") != FLOAT:
+    if node.op_type == "Cast" and _attributes_by_name(node).get("to") != FLOAT:
         raise _UnreadError("its Cast is not to float32")
     if node.op_type == "Expand":
         *axes, last = constants[node.input[1]].reshape(-1).tolist()
@@ -376,13 +376,12 @@ def _no_layer(node: Any, constants: Constants, size: int) -> list[Layer]:  # noq
 
 
 def _require_argmax(node: Any) -> None:  # noqa: ANN401
-    attributes = {"axis": 0, "select_last_index": 0} | _attributes(node)
+    attributes = {"axis": 0, "select_last_index": 0} | _attributes_by_name(node)
     if attributes["axis"] not in (-1, 1) or attributes["select_last_index"]:
         raise _UnreadError("its ArgMax is not of the last axis, or takes the last of equal numbers")
 
 
-def _find_maker(node: Any) -> Callable[[Any, Constants, int], list[Layer]]:  # noqa: ANN401
-    """The function that makes the layers of an operator."""
+def _layer_maker(node: Any) -> Callable[[Any, Constants, int], list[Layer]]:  # noqa: ANN401
     name = node.op_type
     if name in ARITHMETIC:
         return _arithmetic_layers

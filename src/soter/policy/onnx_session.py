@@ -1,4 +1,4 @@
-"""A policy in an ONNX file, asked through onnxruntime.
+"""Runs a policy in an ONNX file by onnxruntime.
 
 Purpose: `OnnxSession` takes one observation and gives one answer, without needless copies. Memory
 goes in and out: an input that carries it gets at each step the output of the step before, and
@@ -37,24 +37,24 @@ NUMBERS_MAX = 1_000_000
 SAY = 'say which output is the next value of which input: "onnx:FILE:h0=hn,c0=cn"'
 
 
-def _undirected_name(name: str) -> str:
+def _name_without_direction(name: str) -> str:
     words = [w for w in re.split(r"[^a-z0-9]+", name.lower()) if w]
     return "_".join(w for w in words if w not in DIRECTIONS)
 
 
-def _endless_name(name: str) -> str:
-    return ENDS.sub("", _undirected_name(name))
+def _name_without_end(name: str) -> str:
+    return ENDS.sub("", _name_without_direction(name))
 
 
 def memory_pairs(inputs: Sequence[Any], outputs: Sequence[Any]) -> dict[str, str]:
-    """For each input with memory, the output whose value it gets at the next step.
+    """The output whose value each memory input gets at the next step, by the input's name.
 
-    They belong together if only they have the same name, without words of direction or at least
-    without `0` or `n` at the end, and the same shape. The answer is no such output.
+    An input and an output are a pair if they alone have the same shape and the same name without
+    words of direction, or else also without an end such as `0` or `n`. The answer is in no pair.
     """
     found: dict[str, str] = {}
     outputs = [y for y in outputs if y.name not in NAMES]
-    ways: tuple[Callable[[str], str], ...] = (_undirected_name, _endless_name)
+    ways: tuple[Callable[[str], str], ...] = (_name_without_direction, _name_without_end)
     for stem in ways:
         for x in inputs:
             free = [y for y in outputs if y.name not in found.values() and y.name != x.name]
@@ -102,9 +102,9 @@ def _answer_output(path: Path, outputs: Sequence[Any]) -> tuple[Any, tuple[str, 
 class OnnxSession:
     """A loaded file: `observation` (inputs,) is written, `run()` answers (outputs,).
 
-    `memory`: its pairs as the program gives them, or "". `keys`: of several observations the names
-    and how many numbers each has, in order. `shape`: of the answer. `assumed`: what is assumed as
-    the file does not say it.
+    `memory`: the pairs that the program declares, or "". `keys`: the names of several observations
+    and how many numbers each has, in order. `shape`: the axes of the answer. `assumed`: what is
+    assumed as the file does not say it.
     SoterError X003, X014; D007 without onnxruntime.
     """
 
@@ -143,7 +143,7 @@ class OnnxSession:
         for name, value in out.items():
             self._binding.bind_ortvalue_output(name, value)
         self._session, self._out = session, out[output.name]
-        self._inputs = values  # they stay where they are
+        self._inputs = values  # keeps the bound memory alive
         self._memory = [(array, out[pairs[name]]) for name, array in kept.items()]
 
     def run(self) -> list[float]:
@@ -194,9 +194,9 @@ def _observation_arrays(
     sizes = [int(shape[-1] or 0) for shape in shapes]
     if sum(sizes) > NUMBERS_MAX:
         raise bad_policy(path, f"it observes {sum(sizes)} numbers, more than are read")
-    whole = np.zeros(sum(sizes), DTYPES[seen[0].type])
-    parts = np.split(whole, np.cumsum(sizes)[:-1])
-    return whole, {
+    numbers = np.zeros(sum(sizes), DTYPES[seen[0].type])
+    parts = np.split(numbers, np.cumsum(sizes)[:-1])
+    return numbers, {
         x.name: part.reshape([n or 1 for n in shape])
         for x, part, shape in zip(seen, parts, shapes, strict=True)
     }

@@ -54,7 +54,7 @@ class Made:
 
 @dataclass(frozen=True)
 class Persistent:
-    """A thing that is stored outside of the pickle, with the pickle's identifier of it."""
+    """A value that is stored outside of the pickle; `about`: the pickle's identifier of it."""
 
     about: Any
 
@@ -175,7 +175,7 @@ class _Machine:
         if not isinstance(entries, dict):
             raise PickleError("it sets items of what is no dict")
         for key, value in zip(parts[::2], parts[1::2], strict=True):
-            if isinstance(key, str):  # others are in nothing that is looked at
+            if isinstance(key, str):  # no reader looks up a key of another type
                 entries[key] = value
 
 

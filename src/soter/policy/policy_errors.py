@@ -1,4 +1,4 @@
-"""Diagnostics of what is wrong with the file of a policy.
+"""Makes diagnostics of what is wrong with the file of a policy.
 
 Purpose: X003, X014 and D007 with the file's name in them.
 Non-goals: where in a program the file is named; `simulate/externs/` adds that.
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.load.named_files import ReadError, read_bytes
-from soter.version import pip_install
+from soter.version import pip_command
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -26,7 +26,7 @@ def bad_policy(path: Path | str, why: str, *helps: str) -> SoterError:
 
 def missing_package(package: str, purpose: str) -> SoterError:
     """The error D007 that a package is not installed."""
-    help_ = f"install it: {pip_install('learn')}"
+    help_ = f"install it: {pip_command('learn')}"
     return SoterError(
         (Diagnostic("D007", f"{purpose} needs the package `{package}`", helps=(help_,)),)
     )

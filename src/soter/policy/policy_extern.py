@@ -1,4 +1,4 @@
-"""A learned policy in a file as the step of an extern node: `onnx:file.onnx`, `sb3:file.zip`.
+"""Makes a learned policy in a file (`onnx:file.onnx`, `sb3:file.zip`) an extern node's step.
 
 Purpose: the numbers of what the node reads go in, in declared order, those of what it publishes
 come out; counts are compared before anything runs, and what is assumed is put into words.
@@ -19,12 +19,12 @@ import numpy as np
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
 from soter.language.model.types import ArrayType, BoolType, EnumType, FloatType, IntType, RecordType
 from soter.native.extern_bindings import FilePolicy
-from soter.policy.network import Clipped, numbers_text, prepare_network, standardise
+from soter.policy.network import Clipped, numbers_text, prepare_network, standardised_numbers
 from soter.policy.onnx_file import onnx_content
 from soter.policy.onnx_session import SAY, OnnxSession
 from soter.policy.policy_errors import bad_policy, read_policy_bytes
 from soter.policy.sb3_file import read_sb3
-from soter.policy.sb3_statistics import statistics_beside
+from soter.policy.sb3_statistics import statistics_file_beside
 from soter.semantics.externs import Converted
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ class PolicyExtern(FilePolicy):
         self._run, self._forget = policy.run, policy.forget
         if policy.keys:
             helps = [SAY] if binding.kind == "onnx" else []
-            reads = reads_by_name(path, policy.keys, policy.shapes, reads, *helps)
+            reads = reads_in_order(path, policy.keys, policy.shapes, reads, *helps)
         places = [p for name, t in reads for p in _number_paths(path, name, t)]
         count = sum(n for _, n in places)
         self._get = attrgetter(*(p for p, _ in places)) if places else None
@@ -66,7 +66,7 @@ class PolicyExtern(FilePolicy):
         self._build = [_value_builder(path, name, t) for name, t in answers]
         self._observation, self.clip = policy.observation, binding.is_clipped
         size = policy.observation.size
-        rows = frame_rows(path, policy.shapes.get("", ()), size, reads)
+        rows = frame_row_count(path, policy.shapes.get("", ()), size, reads)
         frames, self._row = size // count, count // rows
         self._older = size > count
         self._frame = policy.observation.reshape(rows, -1)[:, -self._row :]
@@ -77,7 +77,7 @@ class PolicyExtern(FilePolicy):
             assumed.append(
                 f"{frames} frames are stacked{along}, the oldest first, zeros before the first"
             )
-            if len(whole := policy.shapes.get("", ())) > 1 and whole[0] == frames:
+            if len(axes := policy.shapes.get("", ())) > 1 and axes[0] == frames:
                 assumed[-1] += f", {OTHER_START}"
         self._per_frame = policy.per_frame
         if self._per_frame is not None and self._per_frame.mean.size != count:
@@ -98,16 +98,15 @@ class PolicyExtern(FilePolicy):
             x[: -self._row] = x[self._row :]
         assert self._get is not None
         reads = self._get(inputs)
-        frame = np.asarray(_join_numbers(reads) if self._blocks else reads, self._frame.dtype)
+        frame = np.asarray(_joined_numbers(reads) if self._blocks else reads, self._frame.dtype)
         if self._per_frame is not None:
-            frame = standardise(self._per_frame, frame.astype(np.float64))
+            frame = standardised_numbers(self._per_frame, frame.astype(np.float64))
         self._frame[...] = frame.reshape(self._frame.shape)
         numbers = iter(self._run())
         return Converted([build(numbers) for build in self._build])
 
 
-def _join_numbers(reads: Any) -> npt.NDArray[Any]:  # noqa: ANN401 - numbers and arrays
-    """The numbers of one value, or of several values, in one array."""
+def _joined_numbers(reads: Any) -> npt.NDArray[Any]:  # noqa: ANN401 - numbers and arrays
     parts = reads if isinstance(reads, tuple) else (reads,)
     return np.concatenate([np.ravel(part) for part in parts])
 
@@ -120,7 +119,7 @@ class _LoadedNetwork(NamedTuple):
     `assumed`: what is assumed as the file does not say it. `whole_numbers`: whether its answers are
     indices. `keys`: of observations by name, each name in order and how many numbers it has.
     `shapes`, `acted`: as in `Policy`.
-    `per_frame`: the standardisation of each frame before they are.
+    `per_frame`: the layer that scales each frame before frames are stacked, if there is one.
     """
 
     observation: npt.NDArray[Any]
@@ -158,7 +157,7 @@ def _load_network(binding: BindingText, path: Path) -> _LoadedNetwork:
         observation=ready.observation,
         run=lambda: policy.network.choose_answer(ready.run()),
         forget=ready.reset,
-        outputs=policy.network.answers,
+        outputs=policy.network.answer_count,
         assumed=policy.assumed,
         whole_numbers=bool(policy.network.choices),
         keys=policy.keys,
@@ -168,25 +167,25 @@ def _load_network(binding: BindingText, path: Path) -> _LoadedNetwork:
     )
 
 
-def frame_rows(path: Path | str, shape: tuple[int, ...], size: int, reads: Shapes) -> int:
-    """In how many rows each frame of an observation lies; 1: it lies in one piece.
+def frame_row_count(path: Path | str, shape: tuple[int, ...], size: int, reads: Shapes) -> int:
+    """The number of rows in which each frame of an observation lies; 1 if it lies in one piece.
 
-    `VecFrameStack` stacks along the last axis or the first, which no file says: what the node reads
-    does. `shape`: that of the observation, () if it cannot be stacked; `size`: its numbers.
-    SoterError X014 if what is read is no frame of it, or may be one of either kind.
+    No file says whether `VecFrameStack` stacked along the first axis or the last: the shape of what
+    the node reads decides. `shape`: the observation's, () if it cannot be stacked; `size`: how many
+    numbers it has. SoterError X014 if the reads are no frame of it, or fit both ways of stacking.
     """
     count = sum(n for name, t in reads for _, n in _number_paths(path, name, t))
     frames, rest = divmod(size, count) if count else (0, 1)
-    fits, whole = not rest and (shape or frames == 1), shape or (size,)
-    axes = _axes(reads[0][1]) if len(reads) == 1 else []
+    fits, sizes = not rest and (shape or frames == 1), shape or (size,)
+    axes = _axes_of(reads[0][1]) if len(reads) == 1 else []
     rows = {}  # by the shape of a frame
-    for axis in {0, len(whole) - 1} if fits else ():
-        frame = [n // frames if k == axis else n for k, n in enumerate(whole)]
-        if whole[axis] % frames == 0 and (axes == frame or 1 in (len(axes) or 1, len(whole))):
-            rows["".join(f"[{n}]" for n in reversed(frame))] = prod(whole[:axis])
+    for axis in {0, len(sizes) - 1} if fits else ():
+        frame = [n // frames if k == axis else n for k, n in enumerate(sizes)]
+        if sizes[axis] % frames == 0 and (axes == frame or 1 in (len(axes) or 1, len(sizes))):
+            rows["".join(f"[{n}]" for n in reversed(frame))] = prod(sizes[:axis])
     if len(rows) == 1:
         return rows.popitem()[1] if frames > 1 else 1
-    product = f" ({' x '.join(map(str, whole))})" if len(whole) > 1 else ""
+    product = f" ({' x '.join(map(str, sizes))})" if len(sizes) > 1 else ""
     names = ", ".join(f"`{name}`" for name, _ in reads)
     why = f"it takes {numbers_text(size)}{product}, the node reads {count} ({names})"
     help_ = "what a node `subscribes` is its observation, in this order"
@@ -196,12 +195,12 @@ def frame_rows(path: Path | str, shape: tuple[int, ...], size: int, reads: Shape
     raise bad_policy(path, why, help_)
 
 
-def _axes(t: Type) -> list[int]:
+def _axes_of(t: Type) -> list[int]:
     """The sizes of an array's axes, the outermost first; [] for any other type."""
-    return [t.size, *_axes(t.element)] if isinstance(t, ArrayType) else []
+    return [t.size, *_axes_of(t.element)] if isinstance(t, ArrayType) else []
 
 
-def reads_by_name(
+def reads_in_order(
     path: Path,
     keys: Sequence[tuple[str, int]],
     shapes: Mapping[str, tuple[int, ...]],
@@ -222,7 +221,7 @@ def reads_by_name(
         read = sum(n for _, n in _number_paths(path, *known[key]))
         if read != count:
             raise bad_policy(path, f"its `{key}` is {numbers_text(count)}, the node reads {read}")
-        frame_rows(path, shapes.get(key, ()), count, [known[key]])  # in the shape that it has
+        frame_row_count(path, shapes.get(key, ()), count, [known[key]])  # in the shape that it has
     return [known[key] for key, _ in keys]
 
 
@@ -230,7 +229,7 @@ def sha256_of_files(binding: BindingText) -> dict[str, str]:
     """The SHA-256 of each file of a binding, and of files that an ONNX file names; X003, X014."""
     found = None
     if binding.kind == "sb3" and not binding.name:
-        found = statistics_beside(Path(binding.file))
+        found = statistics_file_beside(Path(binding.file))
     names = (*binding.files, *([str(found)] if found else []))
     hashes = {name: sha256(read_policy_bytes(Path(name))).hexdigest() for name in names}
     if binding.kind == "onnx":
@@ -260,17 +259,17 @@ def _number_paths(path: Path | str, name: str, t: Type) -> Iterator[tuple[str, i
             yield from _number_paths(path, f"{name}.{field}", of)
     elif isinstance(t, NUMBERS):
         yield name, 1
-    elif (count := _array_numbers(t)) > 0:
+    elif (count := _array_number_count(t)) > 0:
         yield name, count
     else:
         why = f"`{name}` is a `{t}`, of which no numbers in a fixed order can be given to it"
         raise bad_policy(path, why, "bind a class in Python that maps it, with --bind")
 
 
-def _array_numbers(t: Type) -> int:
+def _array_number_count(t: Type) -> int:
     """How many numbers an array has, nested arrays included; 0 for other types."""
     if isinstance(t, ArrayType):
-        return t.size * (1 if isinstance(t.element, NUMBERS) else _array_numbers(t.element))
+        return t.size * (1 if isinstance(t.element, NUMBERS) else _array_number_count(t.element))
     return 0
 
 
@@ -298,7 +297,6 @@ def _checked_index(number: float, low: int, high: int) -> int:
 
 
 def _scalar_types(t: Type) -> Iterator[Type]:
-    """Yields the type of each scalar of a value, in order."""
     if isinstance(t, RecordType):
         for _, of in t.fields:
             yield from _scalar_types(of)
@@ -323,7 +321,7 @@ def _require_answers(path: Path, policy: _LoadedNetwork, answers: Shapes) -> Non
 
 def require_axes(path: Path | str, acted: tuple[int, ...], answers: Shapes) -> None:
     """Raises X014 if the answer's numbers have other rows than the topic."""
-    axes, acted_axes = ([n for n in sizes if n > 1] for sizes in (_axes(answers[0][1]), acted))
+    axes, acted_axes = ([n for n in sizes if n > 1] for sizes in (_axes_of(answers[0][1]), acted))
     if len(answers) == 1 and min(len(axes), len(acted_axes)) > 1 and axes != acted_axes:
         name, shape = answers[0][0], " x ".join(map(str, acted))
         rows = "".join(f"[{n}]" for n in reversed(acted_axes))

@@ -1,4 +1,4 @@
-"""A policy that Stable-Baselines3 or sb3-contrib saved, without torch.
+"""Reads a policy that Stable-Baselines3 or sb3-contrib saved, without torch.
 
 Purpose: `policy.zip` (`model.save`), with the statistics of a VecNormalize, becomes a `Policy`: the
 network that `predict(deterministic=True)` computes, what the files say of observations and actions,
@@ -33,15 +33,15 @@ from soter.policy.sb3_spaces import (
     bit_count,
     box_bounds,
     choice_counts,
-    read_observation,
+    observation_layout,
     require_space,
     space_kind,
     space_shape,
     space_text,
 )
-from soter.policy.sb3_statistics import with_statistics
+from soter.policy.sb3_statistics import policy_with_statistics
 from soter.policy.sb3_tensors import read_tensors
-from soter.policy.sb3_zip import EXPORT, decode_value, open_zip, settings, truth, version, zip_part
+from soter.policy.sb3_zip import EXPORT, decode_value, flag, open_zip, settings, version, zip_part
 
 if TYPE_CHECKING:
     import zipfile
@@ -126,7 +126,7 @@ NORM_EPSILON = 1e-3
 def read_sb3(path: Path, statistics: Path | None = None) -> Policy:
     """The policy in a file; `statistics`: the file of its VecNormalize. SoterError X003, X014.
 
-    Without it, the statistics that lie beside the policy's file are taken.
+    With None, statistics are taken from a file beside the policy's, if there is one.
     """
     no_zip = "it is no zip, which is what Stable-Baselines3's `model.save` writes"
     try:
@@ -134,13 +134,13 @@ def read_sb3(path: Path, statistics: Path | None = None) -> Policy:
             policy = _read_policy(path, parts)
     except (PickleError, RecursionError) as error:
         raise bad_policy(path, str(error), EXPORT) from error
-    return with_statistics(policy, statistics)
+    return policy_with_statistics(policy, statistics)
 
 
 def _read_policy(path: Path, parts: zipfile.ZipFile) -> Policy:
     data = settings(path, parts)
     kind, name = _policy_kind(path, data)
-    seen = read_observation(path, decode_value(path, data.get("observation_space")))
+    layout = observation_layout(path, decode_value(path, data.get("observation_space")))
     actions = require_space(
         path, decode_value(path, data.get("action_space")), "action space", ACTED
     )
@@ -148,15 +148,15 @@ def _read_policy(path: Path, parts: zipfile.ZipFile) -> Policy:
     if any("features_extractor." in key for key in weights):
         raise bad_policy(path, "its features are computed by layers of their own", EXPORT)
     options = _policy_options(path, data)
-    squashed = space_kind(actions) == "Box" and truth(
+    squashed = space_kind(actions) == "Box" and flag(
         path, options, "squash_output", default=kind.squashed
     )
-    layers = [*seen.layers, *_layers(path, kind, options, weights)]
+    layers = [*layout.layers, *_layers(path, kind, options, weights)]
     last, choices = _choice_layers(path, kind, actions, layers[-1])
     layers[-1:] = last
     if not choices:
         layers += _action_layers(path, actions, squashed=squashed)
-    network = Network(len(seen.sizes), tuple(layers), choices)
+    network = Network(len(layout.sizes), tuple(layers), choices)
     if why := network_problem(network):
         raise bad_policy(path, why)
     return Policy(
@@ -164,14 +164,14 @@ def _read_policy(path: Path, parts: zipfile.ZipFile) -> Policy:
         network,
         {
             "file": f"Stable-Baselines3 {version(parts)}, {name} ({kind.algorithms})",
-            "observation": seen.shown,
+            "observation": layout.shown,
             "action": space_text(path, actions),
             "answer": _answer_text(choices, squashed=squashed),
         },
         _mask_assumption(kind),
-        box=seen.box,
-        keys=seen.keys,
-        shapes=seen.shapes,
+        box=layout.box,
+        keys=layout.keys,
+        shapes=layout.shapes,
         acted=space_shape(path, actions) if space_kind(actions) == "Box" else (),
     )
 
@@ -290,7 +290,7 @@ def _linear(path: Path, name: str, weights: Tensors) -> Affine:
 
 
 def _renorm(path: Path, name: str, weights: Tensors, epsilon: float) -> Iterator[Layer]:
-    """Yields what a `BatchRenorm` does in use, not in training."""
+    """Yields the layers that do what a `BatchRenorm` does in use, not in training."""
     parts = _named_tensors(
         path, weights, [f"{name}.{k}" for k in ("ra_mean", "ra_var", "scale", "bias")]
     )
@@ -365,7 +365,7 @@ def _choice_layers(
 
 
 def _action_layers(path: Path, actions: Made, *, squashed: bool) -> list[Layer]:
-    """The layers for what `predict` does to the last numbers of a Box."""
+    """The layers that bring the last numbers into the bounds of a Box, as `predict` does."""
     low, high = (bound.astype(np.float32) for bound in box_bounds(path, actions))
     if not squashed:
         return [Clipped(low, high)]

@@ -33,9 +33,9 @@ NUMBERS_MAX, NAME_MAX = 1_000_000, 80
 class ObservationLayout(NamedTuple):
     """What a policy observes.
 
-    `sizes`: for each number, among how many it chooses, 0 where it is taken as it is. `box`: the
-    least and the largest numbers, where finite. `keys`: names of observations with their counts.
-    `shapes`: of each that is a Box its axes, by name, "" of a single one.
+    `sizes`: for each number, how many choices it stands for, 0 for a plain number. `shown`: the
+    space in words. `box`: the least and the largest numbers, if finite. `keys`: the names of
+    observations and how many numbers each has. `shapes`: the axes of each Box by its name.
     """
 
     sizes: tuple[int, ...]
@@ -65,13 +65,13 @@ def require_space(path: Path, space: object, which: str, kinds: Mapping[str, obj
     return space
 
 
-def read_observation(path: Path, space: object) -> ObservationLayout:
+def observation_layout(path: Path, space: object) -> ObservationLayout:
     """The layout of what a policy observes, from its space; SoterError X014 for other spaces."""
     made = require_space(path, space, "observation space", OBSERVED)
     return OBSERVED[space_kind(made)](path, made)
 
 
-def _box_observation(path: Path, space: Made) -> ObservationLayout:
+def _box_layout(path: Path, space: Made) -> ObservationLayout:
     shape = space_shape(path, space)
     low, high = box_bounds(path, space)
     if len(shape) == 3 and low.dtype == np.uint8:
@@ -94,25 +94,25 @@ def space_shape(path: Path, space: Made) -> tuple[int, ...]:
     return shape
 
 
-def _choice_observation(path: Path, space: Made) -> ObservationLayout:
+def _choice_layout(path: Path, space: Made) -> ObservationLayout:
     sizes = choice_counts(path, space)
     low, high = np.zeros(len(sizes)), np.array(sizes, np.float64) - 1.0
     return ObservationLayout(sizes, space_text(path, space), (low, high))
 
 
-def _bits_observation(path: Path, space: Made) -> ObservationLayout:
+def _bits_layout(path: Path, space: Made) -> ObservationLayout:
     count, n = bit_count(path, space), space.state.get("n")
     shapes = {"": n} if isinstance(n, tuple) and len(n) > 1 else {}
     box = np.zeros(count), np.ones(count)
     return ObservationLayout((0,) * count, space_text(path, space), box, shapes=shapes)
 
 
-def _dict_observation(path: Path, space: Made) -> ObservationLayout:
+def _dict_layout(path: Path, space: Made) -> ObservationLayout:
     kept = space.state.get("spaces")
     inner = kept.items if isinstance(kept, Made) else kept  # an OrderedDict is made
     if not isinstance(inner, dict) or not inner:
         raise bad_policy(path, "its observations by name have no names")
-    parts = {name: read_observation(path, part) for name, part in inner.items()}
+    parts = {name: observation_layout(path, part) for name, part in inner.items()}
     if not all(name.isprintable() and len(name) <= NAME_MAX for name in inner):
         raise bad_policy(path, "a name of its observations is no name")
     if sum(len(part.sizes) for part in parts.values()) > NUMBERS_MAX:
@@ -138,11 +138,11 @@ def _joined_box(boxes: list[tuple[Doubles, Doubles] | None]) -> tuple[Doubles, D
 
 
 OBSERVED = {
-    "Box": _box_observation,
-    "Discrete": _choice_observation,
-    "MultiDiscrete": _choice_observation,
-    "MultiBinary": _bits_observation,
-    "Dict": _dict_observation,
+    "Box": _box_layout,
+    "Discrete": _choice_layout,
+    "MultiDiscrete": _choice_layout,
+    "MultiBinary": _bits_layout,
+    "Dict": _dict_layout,
 }
 
 
@@ -160,7 +160,7 @@ def choice_counts(path: Path, space: Made) -> tuple[int, ...]:
     X014, too, if they do not begin at 0.
     """
     if space_kind(space) == "Discrete":
-        sizes, starts = [whole_number(space, "n")], [whole_number(space, "start", 0)]
+        sizes, starts = [integer_setting(space, "n")], [integer_setting(space, "start", 0)]
     else:
         start = space.state.get("start")
         sizes = read_array(space.state.get("nvec")).reshape(-1).tolist()
@@ -175,15 +175,15 @@ def choice_counts(path: Path, space: Made) -> tuple[int, ...]:
 def bit_count(path: Path, space: Made) -> int:
     """How many bits a MultiBinary has; SoterError X014."""
     n = space.state.get("n")
-    sizes = n if isinstance(n, tuple) else (whole_number(space, "n"),)
+    sizes = n if isinstance(n, tuple) else (integer_setting(space, "n"),)
     count = math.prod(x if isinstance(x, int) and x > 0 else 0 for x in sizes)
     if not 0 < count <= NUMBERS_MAX // 100:
         raise bad_policy(path, "it does not say how many bits it has, or too many")
     return count
 
 
-def whole_number(space: Made, which: str, default: int = -1) -> int:
-    """An int of a Discrete, which is Python's in older files, NumPy's in newer ones."""
+def integer_setting(space: Made, which: str, default: int = -1) -> int:
+    """A setting that is an int, Python's in older files, NumPy's in newer ones; else `default`."""
     value = space.state.get(which, default)
     if isinstance(value, Made):
         numbers = read_array(value)

@@ -1,7 +1,7 @@
 """Puts the statistics of observations that a VecNormalize saved in front of a policy.
 
-Purpose: `with_statistics` reads `vecnormalize.pkl` (`env.save`) as it was named, or as it lies
-where people leave it; it says what it found without being asked for.
+Purpose: `policy_with_statistics` reads a `vecnormalize.pkl` that `env.save` wrote: the one that is
+named, or else one beside the policy's file, and says when it took a file that nobody named.
 Non-goals: the network behind them (`sb3_file.py`); rewards.
 """
 
@@ -18,7 +18,7 @@ from soter.language.load.named_files import NO_STATISTICS
 from soter.policy.network import Policy, Standardised, numbers_text
 from soter.policy.pickle_data import Made, PickleError, read_array, read_pickle
 from soter.policy.policy_errors import bad_policy, read_policy_bytes
-from soter.policy.sb3_zip import truth
+from soter.policy.sb3_zip import flag
 
 if TYPE_CHECKING:
     from soter.policy.network import Doubles
@@ -31,8 +31,8 @@ CHECKPOINT = re.compile(r"(.+)_(\d+_steps)")
 """What `CheckpointCallback` calls a policy; its statistics are `NAME_vecnormalize_N_steps.pkl`."""
 
 
-def statistics_beside(path: Path) -> Path | None:
-    """The file of statistics beside a policy; SoterError X014 if two may be meant."""
+def statistics_file_beside(path: Path) -> Path | None:
+    """The file of statistics beside a policy, or None; SoterError X014 if two may be meant."""
     names = [name.format(path.stem) for name in OWN]
     if saved := CHECKPOINT.fullmatch(path.stem):
         names.append(f"{saved[1]}_vecnormalize_{saved[2]}.pkl")
@@ -55,7 +55,7 @@ def _naming_helps(path: Path, statistics: Path) -> tuple[str, ...]:
     )
 
 
-def with_statistics(policy: Policy, named: Path | None) -> Policy:
+def policy_with_statistics(policy: Policy, named: Path | None) -> Policy:
     """The policy with its statistics as first layer, or with an assumption if there are none.
 
     SoterError X003, X014.
@@ -65,13 +65,13 @@ def with_statistics(policy: Policy, named: Path | None) -> Policy:
     if named is not None and named.name == NO_STATISTICS:
         facts["normalised"] = "not, as was said"
         return replace(policy, facts=facts)
-    found = None if named is not None else statistics_beside(path)
+    found = None if named is not None else statistics_file_beside(path)
     statistics = named or found
     if statistics is None:
         assumed = "observations are not normalised: no file of a VecNormalize is named or beside it"
         return replace(policy, assumed=(*policy.assumed, assumed))
     try:
-        made = _with_statistics_layer(policy, statistics, facts)
+        made = _policy_with_layer(policy, statistics, facts)
     except (PickleError, RecursionError) as error:
         raise bad_policy(statistics, str(error)) from error
     if found is None:
@@ -80,10 +80,10 @@ def with_statistics(policy: Policy, named: Path | None) -> Policy:
     return replace(made, assumed=(*made.assumed, assumed), beside=found)
 
 
-def _with_statistics_layer(policy: Policy, statistics: Path, facts: dict[str, str]) -> Policy:
+def _policy_with_layer(policy: Policy, statistics: Path, facts: dict[str, str]) -> Policy:
     """The policy with its statistics as first layer, or as a layer for each frame."""
-    state = _read_state(statistics)
-    if not truth(statistics, state, "norm_obs"):
+    state = _vecnormalize_state(statistics)
+    if not flag(statistics, state, "norm_obs"):
         facts["normalised"] = f"`{statistics.name}` says that observations are not (norm_obs)"
         return replace(policy, facts=facts)
     layer = _statistics_layer(statistics, state, policy.keys)
@@ -99,8 +99,7 @@ def _with_statistics_layer(policy: Policy, statistics: Path, facts: dict[str, st
     raise bad_policy(statistics, why, *_naming_helps(Path(policy.path), statistics)[1:])
 
 
-def _read_state(path: Path) -> dict[str, Any]:
-    """The attributes of the VecNormalize in a file."""
+def _vecnormalize_state(path: Path) -> dict[str, Any]:
     made = read_pickle(read_policy_bytes(path))
     known = isinstance(made, Made) and made.name.partition(".")[0] == "stable_baselines3"
     state = made.state if known and made.name.endswith(".VecNormalize") else None
@@ -112,13 +111,13 @@ def _read_state(path: Path) -> dict[str, Any]:
 def _statistics_layer(
     path: Path, state: dict[str, Any], keys: tuple[tuple[str, int], ...]
 ) -> Standardised:
-    """The layer that scales observations as VecNormalize does; `keys`: their order by name."""
+    """The layer that scales observations as VecNormalize does; `keys`: their names and sizes."""
     epsilon, limit = state.get("epsilon"), state.get("clip_obs")
     if not (isinstance(epsilon, (int, float)) and isinstance(limit, (int, float)) and limit > 0):
         raise bad_policy(path, "its `epsilon` and `clip_obs` are no positive numbers")
-    of = state.get("obs_rms")
-    by_name = {"": of} if isinstance(of, Made) else of
-    if not isinstance(by_name, dict) or (isinstance(of, Made) and keys):
+    saved = state.get("obs_rms")
+    by_name = {"": saved} if isinstance(saved, Made) else saved
+    if not isinstance(by_name, dict) or (isinstance(saved, Made) and keys):
         raise bad_policy(path, "it has no mean and variance of what the policy observes")
     counts = dict(keys) if keys else {"": -1}
     if unknown := sorted(set(by_name) - set(counts)):
@@ -132,7 +131,7 @@ def _statistics_layer(
 def _scaling(
     path: Path, moments: object, count: int, epsilon: float, limit: float
 ) -> tuple[Doubles, Doubles, Doubles]:
-    """Mean, deviation and limit, (n,) each, of one observation; without moments none is changed."""
+    """The mean, deviation and limit, (n,) each, of an observation; no `moments`: no change."""
     if moments is None:
         return np.zeros(count), np.ones(count), np.full(count, np.inf)
     if not isinstance(moments, Made) or not isinstance(moments.state, dict):

@@ -53,7 +53,6 @@ def _is_counter(made: Made) -> bool:
 
 
 def _read_tensor(path: Path, read: Callable[[str], bytes], folder: str, made: Made) -> Floats:
-    """The numbers of one tensor, in its shape."""
     try:
         storage, offset, size, stride = made.arguments[:4]
         assert isinstance(storage, Persistent)
@@ -63,8 +62,8 @@ def _read_tensor(path: Path, read: Callable[[str], bytes], folder: str, made: Ma
             raise bad_policy(path, f"a tensor is a `{(text or made.name)[:60]}`: float32 is read")
         flat = np.frombuffer(read(f"{folder}data/{key}"), "<f4")
         count = int(np.prod(size, dtype=np.int64))
-        whole = [int(np.prod(size[i + 1 :], dtype=np.int64)) for i in range(len(size))]
-        if list(stride) != whole or offset < 0 or offset + count > flat.size:
+        row_by_row = [int(np.prod(size[i + 1 :], dtype=np.int64)) for i in range(len(size))]
+        if list(stride) != row_by_row or offset < 0 or offset + count > flat.size:
             raise bad_policy(path, "a tensor does not lie in its part row by row")
         tensor: Floats = flat[offset : offset + count].reshape(size)
     except (AssertionError, AttributeError, TypeError, ValueError, OverflowError) as error:

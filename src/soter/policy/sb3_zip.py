@@ -85,8 +85,8 @@ def decode_value(path: Path, value: object) -> Any:  # noqa: ANN401 - whatever i
         raise bad_policy(path, f"a value of its part `data` is no base64: {error}") from error
 
 
-def truth(path: Path, data: Mapping[str, Any], name: str, *, default: bool | None = None) -> bool:
-    """A setting that is True or False; X014 for others, which Python may take as either."""
+def flag(path: Path, data: Mapping[str, Any], name: str, *, default: bool | None = None) -> bool:
+    """A setting that is True or False; X014 for any other value."""
     value = data.get(name, default)
     if not isinstance(value, bool):
         raise bad_policy(path, f"its `{name}` is neither True nor False", EXPORT)

@@ -1,4 +1,4 @@
-"""A small network as Soter, and how far its float64 answer can be from the float32 one.
+"""Writes a small network as Soter; bounds how far its float64 answer is from the float32 one.
 
 Purpose: `soter_source` writes a file that a program imports, with constants and a function whose
 answer is the same bits in interpreter and C: float64, sums in the order in which they stand,
@@ -59,7 +59,7 @@ SLACK = 1.0 + 2.0**-30
 
 @dataclass(frozen=True, eq=False)
 class _Numbers:
-    """A layer's numbers: bounds of the exact ones, and how far from them the computed ones are."""
+    """Bounds of a layer's exact numbers, and the errors of float32 (`single`) and of float64."""
 
     low: Doubles
     high: Doubles
@@ -91,10 +91,11 @@ def error_bound(network: Network, low: Doubles, high: Doubles) -> Doubles:
 
 def _observation_error(low: Doubles, high: Doubles) -> _Numbers:
     largest = np.maximum(np.abs(low), np.abs(high))
-    return _Numbers(low, high, _or_inf(largest, SINGLE * largest + SINGLE_TINY), 0.0 * largest)
+    return _Numbers(low, high, _bound(largest, SINGLE * largest + SINGLE_TINY), 0.0 * largest)
 
 
-def _or_inf(largest: Doubles, error: Doubles) -> Doubles:
+def _bound(largest: Doubles, error: Doubles) -> Doubles:
+    """The error with slack, infinite where a number may be too large for float32."""
     return np.where(largest + error < SINGLE_LARGE, error * SLACK, np.inf)
 
 
@@ -120,7 +121,7 @@ def _layer_error(layer: Layer, x: _Numbers) -> _Numbers:
     return _elementwise_error(layer, x)
 
 
-def _gamma(roundings: int, unit: float) -> float:
+def _round_off(roundings: int, unit: float) -> float:
     """The largest relative error of a product after this many roundings."""
     return roundings * unit / (1.0 - roundings * unit)
 
@@ -134,12 +135,14 @@ def _affine_error(layer: Affine, x: _Numbers) -> _Numbers:
     error = []
     for before, unit, tiny in ((x.single, SINGLE, SINGLE_TINY), (x.double, DOUBLE, DOUBLE_TINY)):
         summed = sizes @ (x.largest + before) + np.abs(bias)
-        lost = _gamma(count, unit) * summed + 2.0 * count * tiny
+        lost = _round_off(count, unit) * summed + 2.0 * count * tiny
         error.append((sizes @ before + lost) * SLACK)
     # the ends of the exact range, computed here, are widened by what their own sums can have lost
-    rounding = _gamma(2 * count, DOUBLE) * (sizes @ x.largest + np.abs(bias)) + count * DOUBLE_TINY
+    rounding = (
+        _round_off(2 * count, DOUBLE) * (sizes @ x.largest + np.abs(bias)) + count * DOUBLE_TINY
+    )
     largest = sizes @ (x.largest + x.single) + np.abs(bias)
-    return _Numbers(low - rounding, high + rounding, _or_inf(largest, error[0]), error[1])
+    return _Numbers(low - rounding, high + rounding, _bound(largest, error[0]), error[1])
 
 
 def _tanh_error(x: _Numbers) -> _Numbers:
@@ -167,19 +170,19 @@ def _elementwise_error(layer: Elementwise, x: _Numbers) -> _Numbers:
     error = []
     for before, unit, tiny in ((x.single, SINGLE, SINGLE_TINY), (x.double, DOUBLE, DOUBLE_TINY)):
         size = np.abs(factor) * (x.largest + before) + np.abs(shift)
-        error.append((np.abs(factor) * before + _gamma(1, unit) * size + tiny) * SLACK)
+        error.append((np.abs(factor) * before + _round_off(1, unit) * size + tiny) * SLACK)
     rounding = 4.0 * DOUBLE * (np.abs(factor) * x.largest + np.abs(shift)) + DOUBLE_TINY
     size = np.abs(factor) * (x.largest + x.single) + np.abs(shift)
-    return _Numbers(ends[0] - rounding, ends[1] + rounding, _or_inf(size, error[0]), error[1])
+    return _Numbers(ends[0] - rounding, ends[1] + rounding, _bound(size, error[0]), error[1])
 
 
 def _standardised_error(layer: Standardised, x: _Numbers) -> _Numbers:
-    """The errors of a layer that both sides compute in float64, one from float32 to float32."""
+    """The errors of a layer that both compute in float64; one begins and ends in float32."""
     deviation, limit = layer.deviation, layer.limit
     error = []
     for before in (x.single, x.double):
         size = (x.largest + before + np.abs(layer.mean)) / deviation
-        error.append(before / deviation + _gamma(2, DOUBLE) * size + DOUBLE_TINY)
+        error.append(before / deviation + _round_off(2, DOUBLE) * size + DOUBLE_TINY)
     rounding = 4.0 * DOUBLE * (x.largest + np.abs(layer.mean)) / deviation + DOUBLE_TINY
     low = np.clip((x.low - layer.mean) / deviation - rounding, -limit, limit)
     high = np.clip((x.high - layer.mean) / deviation + rounding, -limit, limit)
@@ -213,8 +216,10 @@ def soter_source(policy: Policy, notes: Sequence[str]) -> str:
     ask = "ask it in its own process: `extern` in the program"
     if unwritten := unwritable_part(network):
         raise bad_policy(policy.path, f"it has {unwritten}, not written as a function", ask)
-    if network.weights > WEIGHTS_MAX:
-        why = f"it has {network.weights:,} weights: up to {WEIGHTS_MAX:,} are written as tables"
+    if network.weight_count > WEIGHTS_MAX:
+        why = (
+            f"it has {network.weight_count:,} weights: up to {WEIGHTS_MAX:,} are written as tables"
+        )
         raise bad_policy(policy.path, why, ask)
     if policy.per_frame is not None:
         why = "it normalises frames before it stacks them, which is not written as a function"
@@ -268,7 +273,7 @@ def _layer_code(layer: Layer, number: int, size: int, at: str) -> tuple[list[str
         ]
     if isinstance(layer, Standardised):
         names = (f"{letter}_MEAN", f"{letter}_DEVIATION", f"{letter}_LIMIT")
-        parts = (layer.mean, layer.deviation, _finite(layer.limit))
+        parts = (layer.mean, layer.deviation, _finite_bounds(layer.limit))
         constants = [line for n, part in zip(names, parts, strict=True) for line in _table(n, part)]
         limit = f"{names[2]}[i]"
         value = f"min(max(({at}[i] - {names[0]}[i]) / {names[1]}[i], -{limit}), {limit})"
@@ -276,7 +281,7 @@ def _layer_code(layer: Layer, number: int, size: int, at: str) -> tuple[list[str
         constants = _table(f"{letter}_OPERAND", layer.operand)
         value = f"{at}[i] {layer.operation} {letter}_OPERAND[i]"
     elif isinstance(layer, Clipped):
-        low, high = (_finite(a) for a in layer.decimals)
+        low, high = (_finite_bounds(a) for a in layer.decimals)
         constants = [*_table(f"{letter}_LOW", low), *_table(f"{letter}_HIGH", high)]
         value = f"min(max({at}[i], {letter}_LOW[i]), {letter}_HIGH[i])"
     else:
@@ -288,7 +293,7 @@ def _layer_code(layer: Layer, number: int, size: int, at: str) -> tuple[list[str
     ]
 
 
-def _finite(array: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def _finite_bounds(array: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """The array with its infinite bounds replaced by the largest float64."""
     return np.nan_to_num(array, posinf=sys.float_info.max, neginf=-sys.float_info.max)
 

@@ -1,11 +1,11 @@
-"""A policy in a process of its own: read what a robot measures, publish what a policy wants.
+"""Connects a policy, in its own process, to the topics of a robot.
 
     with soter.remote.connect("robot.soter", system="Vehicle", channels="/dev/shm/robot") as robot:
         for observation in robot.every("position"):
             robot.publish("wish", policy(observation), measured=observation.measured)
 
 Purpose: Python on the other side of the channels of target `posix` (docs/remote.md). Values are
-judged here to say early what is wrong; the gate judges them again and takes nobody's word for it.
+checked here to report mistakes early; the gate on the robot checks all of them again.
 Non-goals: other machines; learning; anything that has to be on time.
 
 `robot.py` has what a policy calls; `channels_json.py` finds the topics of a robot, `topics.py`

@@ -1,9 +1,9 @@
-"""A topic's file in shared memory, from Python.
+"""Gives Python access to the file of a topic in shared memory.
 
-Purpose: a `Channel` is opened to write, read or wait for a topic; many threads may use one. The C
-is that of the robot: the order of its stores and loads makes a value whole, and Python says nothing
-about that.
-Non-goals: values (`topics.py`); who may write: whoever may write into the folder.
+Purpose: a `Channel` writes, reads or waits for a topic; many threads may use one. It calls the same
+C as the robot: the order of loads and stores there makes values consistent, and Python has no part
+in that.
+Non-goals: values (`topics.py`); permissions: every user who may write to the folder may write.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from weakref import WeakSet
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.native.c_interface import declarations, interface
-from soter.native.cache import cached, digest
+from soter.native.cache import cached_folder, digest
 from soter.native.compiler import DEFECT, STRICT, compile_with, find_compiler
 from soter.native.shared_library import CHECK_FAILED, OWN_SYMBOLS, RUNTIME, c_texts, include_flags
 
@@ -29,29 +29,29 @@ LIBRARY = "channels.so"
 ANEW = "stop everything that uses the folder, empty it, start anew"
 
 WRITERS: WeakSet[Channel] = WeakSet()
-"""Channels that a forked process closes: it would keep their locks when the writer has ended."""
+"""Channels that a forked process closes; else it keeps their locks after the writer's end."""
 
 
 @lru_cache(maxsize=1)
 def compiled_library() -> tuple[Any, Any]:
-    """Gives cffi and the library; SoterError X004, X005 where nothing compiles here."""
+    """Gives the cffi object and the loaded library; SoterError X004, X005 if C cannot compile."""
     compiler = find_compiler()
     flags = (*STRICT, "-O2", "-fPIC", "-shared", *OWN_SYMBOLS)
 
-    def make(work: Path) -> None:
+    def compile_channels(work: Path) -> None:
         sources = [*include_flags(*SOURCES), *map(str, SOURCES), "-o", LIBRARY]
         command = [*compiler.command, *flags, *sources]
         compile_with(command, work, "channels do not compile: they need Linux", (DEFECT,))
 
     content = digest((compiler.identity, *flags, *c_texts(*SOURCES)))
-    built = cached("channels", content, (LIBRARY,), make) / LIBRARY
+    built = cached_folder("channels", content, (LIBRARY,), compile_channels) / LIBRARY
     headers = [declarations(POSIX / n) for n in ("soter_channel.h", "soter_outside.h")]
     ffi = interface(*headers)
     return ffi, ffi.dlopen(str(built))
 
 
 class Channel:
-    """The file of a topic; `writes`: opened as its only writer, which a forked child is not."""
+    """The open file of a topic. `writes`: open it as its only writer; a forked child closes it."""
 
     def __init__(self, folder: Path, name: str, number: int, size: int, *, writes: bool) -> None:
         self._c: Any = None
@@ -67,10 +67,10 @@ class Channel:
         where = (str(folder).encode(), name.encode())
         wrong = self._lib.soter_outside_open(self._c, *where, number, size, writes)
         if wrong != self._ffi.NULL:
-            raise self._unusable(self._ffi.string(wrong).decode(errors="replace"))
+            raise self._channel_error(self._ffi.string(wrong).decode(errors="replace"))
         if self._is_foreign():
             self.close()
-            raise self._foreign()
+            raise self._foreign_error()
 
     def write(self, stamp_ns: int, image: bytes) -> None:
         """Writes the next value; `image` has the topic's size."""
@@ -80,18 +80,18 @@ class Channel:
             self._lib.soter_outside_write(self._c, stamp_ns, self._ffi.from_buffer(image))
 
     def read(self) -> tuple[int, bytes] | None:
-        """Gives stamp and bytes of a value not read before, or None; SoterError X013 if foreign."""
+        """Gives stamp and bytes of a new value, else None; X013 if values have another layout."""
         with self._lock:
             self._require_open()
             value, null = self._value, self._ffi.NULL
             if self._lib.soter_outside_read(self._c, self._time, value, null):
                 return int(self._time[0]), bytes(self._ffi.buffer(value, self._size))
             if self._is_foreign():
-                raise self._foreign()
+                raise self._foreign_error()
         return None
 
     def wait(self, most_ns: int) -> None:
-        """Waits until something new is written, `most_ns` at most; other threads wait meanwhile."""
+        """Waits for a new value, at most `most_ns`; the channel is locked meanwhile."""
         with self._lock:
             self._require_open()
             self._lib.soter_outside_wait(self._c, most_ns)
@@ -102,7 +102,7 @@ class Channel:
             self._lib.soter_outside_close(self._c)
 
     def close_in_child(self) -> None:
-        """Closes in a forked process, where no other thread runs, whichever had the lock."""
+        """Closes the channel in a forked process; no thread there can hold the old lock."""
         self._lock = Lock()
         self.close()
 
@@ -117,20 +117,20 @@ class Channel:
             )
 
     def _is_foreign(self) -> bool:
-        """Whether a value of another layout stands here, and none of this topic's layout."""
-        own, other = self._lib.SOTER_CHANNEL_OTHER, self._lib.SOTER_CHANNEL_LAYOUT
+        """Whether the file holds a value of another layout, and none of this topic's layout."""
+        ours, other = self._lib.SOTER_CHANNEL_OTHER, self._lib.SOTER_CHANNEL_LAYOUT
         c = self._c
         found = [
             self._lib.soter_channel_read(place, c.hash, self._size, 0, self._head, c.room)
             for place in c.place
         ]
-        return other in found and own not in found
+        return other in found and ours not in found
 
-    def _foreign(self) -> SoterError:
+    def _foreign_error(self) -> SoterError:
         why = "it holds values of another type: who wrote them was built from another program"
-        return self._unusable(f"{why}. Connect with the robot's own package, or {ANEW}")
+        return self._channel_error(f"{why}. Connect with the robot's own package, or {ANEW}")
 
-    def _unusable(self, why: str) -> SoterError:
+    def _channel_error(self, why: str) -> SoterError:
         return SoterError(
             (Diagnostic("X013", f"the channel `{self._name}` cannot be used: {why}"),)
         )

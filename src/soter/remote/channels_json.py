@@ -1,7 +1,7 @@
-"""The topics of a robot, as `channels.json` of its package declares them.
+"""Finds the topics of a robot, which `channels.json` of its package declares.
 
-Purpose: `find_topics` finds the topics of a package, or those that `soter build` would write of a
-program that was not built.
+Purpose: `find_topics` reads the topics of a package, or makes those of a program as `soter build`
+would.
 Non-goals: writing that file (`targets/world_interface.py`); values (`topics.py`).
 """
 
@@ -39,12 +39,12 @@ ENUM_STORAGE = {1: "uint8_t", 2: "uint16_t"}
 
 
 def find_topics(program: str | Path | Declared, system: str | None) -> Topics:
-    """The topics of a package (its folder, its channels.json) or of a program (file or loaded)."""
+    """The topics of a package (folder or channels.json) or of a program (file or loaded)."""
     if isinstance(program, (str, Path)):
         path = Path(program)
         if path.is_dir():
-            there = [f / CHANNELS for f in (path, path / TRUSTED)]
-            return _package_topics(next((f for f in there if f.is_file()), there[0]), system)
+            places = [f / CHANNELS for f in (path, path / TRUSTED)]
+            return _package_topics(next((f for f in places if f.is_file()), places[0]), system)
         if path.suffix == ".json":
             return _package_topics(path, system)
     return parse_channels(channels_document(program, system), "the program")
@@ -68,11 +68,11 @@ def _package_topics(path: Path, system: str | None) -> Topics:
 def parse_channels(document: object, where: str) -> Topics:
     """The topics of a `channels.json`; SoterError X013 if it is malformed or has no channels."""
     try:
-        whole = cast("Mapping[str, Any]", document)
-        if whole["schema"] != CHANNELS_SCHEMA:
+        fields = cast("Mapping[str, Any]", document)
+        if fields["schema"] != CHANNELS_SCHEMA:
             raise _document_error(where)
-        topics = [_parsed_topic(t) for t in whole["topics"]]
-        system = str(whole["system"])
+        topics = [_parsed_topic(t) for t in fields["topics"]]
+        system = str(fields["system"])
     except (LookupError, TypeError, ValueError, AttributeError, RecursionError) as error:
         raise _document_error(where) from error
     if not topics:
@@ -103,14 +103,14 @@ def _parsed_topic(t: Mapping[str, Any]) -> Topic:
     )
 
 
-def _finite_number(given: object) -> float:
-    if isinstance(given, bool) or not isinstance(given, (int, float)):
-        raise TypeError(given)
-    return given
+def _finite_number(number: object) -> float:
+    if isinstance(number, bool) or not isinstance(number, (int, float)):
+        raise TypeError(number)
+    return number
 
 
 def _parsed_type(d: Mapping[str, Any]) -> Type:
-    """The type that `targets/firmware_interface.py` described; of ints the storage, no names."""
+    """The type in a description by `targets/firmware_interface.py`; ints have storage ranges."""
     kind = d["kind"]
     if "members" in d:
         made = EnumType("enum", tuple(map(str, d["members"])))
@@ -136,7 +136,7 @@ class Declared(Protocol):
 
 
 def channels_document(program: str | Path | Declared, system: str | None) -> dict[str, object]:
-    """Gives `channels.json` of a system of a file or loaded program; SoterError U002."""
+    """The content of `channels.json` for a system of a program; SoterError U002."""
     from soter.language.front_end import check_file, system_of  # noqa: PLC0415 - as below
     from soter.targets.world_interface import channel_document  # noqa: PLC0415 - not of a package
 

@@ -1,13 +1,13 @@
-"""Connects a policy in Python to a robot: what it calls, reads and writes.
+"""Connects a policy in Python to a robot, reads its topics and writes to them.
 
 Purpose: `connect` gives a `Robot`, with `read`, `every`, `publish`, `publish_chunk`. A `Reading` is
 the value of one topic with the time of its measurement, an `Observation` those of several. The
 actions of a `Chunk` have slots of time, [start + k every, start + (k+1) every); a `Player` writes
-each in its slot. A chunk replaces what is left of the one before; after the last action nothing is
-written, so that the age of the topic grows and SC takes over.
+each in its slot. A new chunk replaces the rest of the one before. After the last action nothing is
+written: the age of the topic grows, and SC takes over.
 Non-goals: layouts, sets, shared memory (`topics.py`); blending of overlapping chunks (temporal
-ensembling), which is the policy's; actions whose slot has passed: they are left out, never made up
-for. Nothing here is on time, and nothing on the robot waits for it.
+ensembling), which is up to the policy; late actions: those whose slot has passed are left out.
+Nothing here is guaranteed to be on time, and nothing on the robot waits for it.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Reading:
 
 
 class Observation(dict[str, Any]):
-    """By name of a topic its value, with the readings behind them in `readings`."""
+    """The values of topics by name; `readings` has them with stamps and ages."""
 
     def __init__(self, readings: dict[str, Reading]) -> None:
         super().__init__({name: r.value for name, r in readings.items()})
@@ -55,7 +55,7 @@ class Observation(dict[str, Any]):
 
     @property
     def measured(self) -> int:
-        """The time at which the oldest value was measured: the stamp for an action from these."""
+        """The stamp of the oldest value; an action that rests on these values has this stamp."""
         return min(r.stamp for r in self.readings.values())
 
     @property
@@ -69,7 +69,7 @@ SECOND_NS = 10**9
 
 @dataclass(frozen=True)
 class Chunk:
-    """Actions as bytes; `start_ns` of the first slot, `measured_ns`: the stamp of all of them."""
+    """Actions as bytes, one for each slot of time from `start_ns`; `measured_ns`: their stamp."""
 
     images: Sequence[bytes]
     start_ns: int
@@ -77,7 +77,7 @@ class Chunk:
     measured_ns: int | None = None
 
     def slot(self, now_ns: int) -> int:
-        """The number of the slot at a time: below 0 before the first one."""
+        """The number of the slot at time `now_ns`; below 0 before the first slot."""
         return (now_ns - self.start_ns) // self.every_ns
 
     def begin_ns(self, k: int) -> int:
@@ -85,7 +85,7 @@ class Chunk:
         return self.start_ns + k * self.every_ns
 
     def stamp_ns(self, k: int) -> int:
-        """The stamp of action k: `measured_ns`, by default the begin of its slot."""
+        """The stamp of action k: `measured_ns`, or the begin of its slot if that is None."""
         return self.begin_ns(k) if self.measured_ns is None else self.measured_ns
 
 
@@ -97,7 +97,7 @@ class _Playing:
 
 
 class Player:
-    """Writes a chunk's actions on each topic that has one, from the first chunk on in a thread."""
+    """Writes the actions of a chunk for each topic; the first chunk starts a thread for that."""
 
     def __init__(self, clock: Callable[[], int]) -> None:
         self._clock = clock
@@ -106,11 +106,11 @@ class Player:
         self._thread: threading.Thread | None = None
         self._ended = False
 
-    def begin(self, topic: str, chunk: Chunk, write: Write) -> None:
-        """Replaces what is played on a topic; due actions are written before this returns."""
+    def begin_chunk(self, topic: str, chunk: Chunk, write: Write) -> None:
+        """Replaces the chunk of a topic; actions that are due are written before this returns."""
         with self._changed:
             self._playing[topic] = _Playing(chunk, write)
-            self.play(self._clock())
+            self.write_due_actions(self._clock())
             if self._playing and self._thread is None and not self._ended:
                 self._thread = threading.Thread(
                     target=self._play_until_ended, name="soter.remote", daemon=True
@@ -119,13 +119,13 @@ class Player:
             self._changed.notify()
 
     def write_instead(self, topic: str, write: Callable[[], None]) -> None:
-        """Ends the chunk on a topic, and writes something else."""
+        """Ends the chunk of a topic, then calls `write`, which writes another value."""
         with self._changed:
             self._playing.pop(topic, None)
             write()
 
-    def play(self, now_ns: int) -> int | None:
-        """Writes the actions that are due; gives the time of the next ones, None without any."""
+    def write_due_actions(self, now_ns: int) -> int | None:
+        """Writes the actions that are due; gives the time of the next one, None if none is left."""
         with self._changed:
             for topic, p in list(self._playing.items()):
                 k = p.chunk.slot(now_ns)
@@ -137,7 +137,7 @@ class Player:
             left = self._playing.values()
             return min((p.chunk.begin_ns(p.next) for p in left), default=None)
 
-    def end(self) -> None:
+    def end_all(self) -> None:
         """Ends all chunks, and waits for the thread."""
         with self._changed:
             self._ended = True
@@ -149,13 +149,13 @@ class Player:
     def _play_until_ended(self) -> None:
         with self._changed:
             while not self._ended:
-                wake_ns = self.play(self._clock())
+                wake_ns = self.write_due_actions(self._clock())
                 left = None if wake_ns is None else max(0, wake_ns - self._clock()) / SECOND_NS
                 self._changed.wait(left)
 
 
 SLICE_NS = 50_000_000
-"""The time in ns after which a waiting `every` looks whether the connection was closed."""
+"""How long `every` waits, in ns, before it checks whether the connection was closed."""
 
 
 def connect(
@@ -173,7 +173,7 @@ def connect(
         start = f"make it, and start the robot with `--channels {folder}`"
         message = f"there is no folder `{folder}`: {start}"
         raise SoterError((Diagnostic("X013", message),))
-    compiled_library()  # here, and not before the first action
+    compiled_library()  # now, so that the first action need not wait
     return Robot(topics, folder)
 
 
@@ -202,7 +202,7 @@ class Robot:
 
     def read(self, topic: str) -> Reading | None:
         """The newest value, whether or not it was read before; None before the first."""
-        t = self._topics.find(topic)
+        t = self._topics.topic_named(topic)
         with self._lock:
             if t.name not in self._read:
                 self._read[t.name] = self._open_topic(t, writes=False)
@@ -220,36 +220,36 @@ class Robot:
         where the first topic is not written for `timeout` (`"1s"`, or seconds); SoterError U001,
         X013.
         """
-        wanted = {name: self._topics.find(name) for name in topics}
+        wanted = {name: self._topics.topic_named(name) for name in topics}
         if not wanted:
             raise SoterError((Diagnostic("U001", "`every` needs the name of a topic"),))
         limit_ns = None if timeout is None else _positive_ns("timeout", timeout)
-        own = {name: self._open_topic(t, writes=False) for name, t in wanted.items()}
-        own[topics[0]].read()  # what was written before anybody asked is no news
-        return self._observations(wanted, own, limit_ns)
+        channels = {name: self._open_topic(t, writes=False) for name, t in wanted.items()}
+        channels[topics[0]].read()  # skip a value that was written before this call
+        return self._observations(wanted, channels, limit_ns)
 
     def _observations(
-        self, wanted: dict[str, Topic], own: dict[str, Channel], limit_ns: int | None
+        self, wanted: dict[str, Topic], channels: dict[str, Channel], limit_ns: int | None
     ) -> Iterator[Observation]:
-        first = next(iter(own))
+        first = next(iter(channels))
         newest: dict[str, tuple[int, bytes]] = {}
         heard_ns, due = time.monotonic_ns(), False
         slice_ns = SLICE_NS if limit_ns is None else min(SLICE_NS, limit_ns)
         try:
             while not self._closed:
-                fresh = {n: v for n, c in own.items() if (v := c.read()) is not None}
+                fresh = {n: v for n, c in channels.items() if (v := c.read()) is not None}
                 newest |= fresh
                 due = due or first in fresh
-                if due and own.keys() == newest.keys():
+                if due and channels.keys() == newest.keys():
                     yield Observation({n: _reading(t, newest[n]) for n, t in wanted.items()})
                     heard_ns, due = time.monotonic_ns(), False
                 elif limit_ns is not None and time.monotonic_ns() - heard_ns > limit_ns:
                     silent = next((n for n in wanted if n not in newest), first)
                     raise TimeoutError(f"nobody wrote `{silent}` for {limit_ns / SECOND_NS} s")
                 else:
-                    own[first].wait(slice_ns)
+                    channels[first].wait(slice_ns)
         finally:
-            for channel in own.values():
+            for channel in channels.values():
                 channel.close()
 
     # ------------------------------------------------------------ publishing
@@ -264,7 +264,7 @@ class Robot:
         topic's set are put at its ends. SoterError U012 where the topic cannot take the value, or
         it was measured in the future; then nothing is written.
         """
-        t = self._topics.to_publish(topic)
+        t = self._topics.writable_topic(topic)
         image, writer = t.image(value, clip=clip), self._writer(t)
         now_ns = time.monotonic_ns()
         stamp = now_ns if measured is None else _past_time_ns(measured, now_ns)
@@ -288,7 +288,7 @@ class Robot:
         with `measured`. SoterError as of `publish`, for any of them: then the chunk before goes on.
         Of what is given back `slot(stamp)` is the k of a stamp, such as one that the robot tells.
         """
-        t = self._topics.to_publish(topic)
+        t = self._topics.writable_topic(topic)
         every_ns = _positive_ns("every", every)
         rows = actions.tolist() if hasattr(actions, "tolist") else actions
         if not isinstance(rows, (list, tuple)):
@@ -302,7 +302,7 @@ class Robot:
         stamp = None if measured is None else _past_time_ns(measured, now_ns)
         first_ns = now_ns if start is None else _time_ns("start", start)
         chunk = Chunk(images, first_ns, every_ns, stamp)
-        self._player.begin(t.name, chunk, writer.write)
+        self._player.begin_chunk(t.name, chunk, writer.write)
         return chunk
 
     # ------------------------------------------------------------ end
@@ -310,7 +310,7 @@ class Robot:
     def close(self) -> None:
         """Ends chunks and closes channels; written values stay, and grow old."""
         self._closed = True
-        self._player.end()
+        self._player.end_all()
         with self._lock:
             for channel in (*self._written.values(), *self._read.values()):
                 channel.close()
@@ -345,22 +345,22 @@ def _reading(t: Topic, newest: tuple[int, bytes]) -> Reading:
     return Reading(t.value(image), stamp, (time.monotonic_ns() - stamp) / SECOND_NS)
 
 
-def _positive_ns(what: str, given: float | str) -> int:
+def _positive_ns(option: str, value: float | str) -> int:
     try:
-        ns = duration_ns(given)
+        ns = duration_ns(value)
     except WrongTextError as error:
-        message = f"`{what}` cannot be `{str(given)[:40]}`: {error}"
+        message = f"`{option}` cannot be `{str(value)[:40]}`: {error}"
         raise SoterError((Diagnostic("U001", message),)) from error
     if ns <= 0:
-        raise SoterError((Diagnostic("U001", f"`{what}` has to be longer than nothing"),))
+        raise SoterError((Diagnostic("U001", f"`{option}` has to be longer than nothing"),))
     return ns
 
 
-def _time_ns(what: str, given: object) -> int:
-    if isinstance(given, bool) or not hasattr(given, "__index__"):
-        message = f"`{what}` is a time in ns as `time.monotonic_ns()` gives it, not {given!r}"
+def _time_ns(option: str, value: object) -> int:
+    if isinstance(value, bool) or not hasattr(value, "__index__"):
+        message = f"`{option}` is a time in ns as `time.monotonic_ns()` gives it, not {value!r}"
         raise SoterError((Diagnostic("U001", message),))
-    return int(given.__index__())
+    return int(value.__index__())
 
 
 def _past_time_ns(measured: object, now_ns: int) -> int:

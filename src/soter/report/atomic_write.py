@@ -51,8 +51,8 @@ def atomic_write(path: Path) -> Iterator[IO[bytes]]:
         raise
 
 
-def own_place(folder: Path, name: str) -> Path:
-    """The path of Soter's own file `name` in a folder; OSError for a link out of that folder."""
+def own_path(folder: Path, name: str) -> Path:
+    """The path of Soter's own file `name` in a folder; OSError if a part of it is a link."""
     path = folder
     for part in PurePath(name).parts:
         path /= part
@@ -61,7 +61,7 @@ def own_place(folder: Path, name: str) -> Path:
 
 
 def require_no_links(folder: Path) -> None:
-    """Raises OSError if there is a link anywhere in a folder whose names Soter chooses."""
+    """Raises OSError if a folder that Soter fills contains a link at any depth."""
     for at, folders, files in os.walk(folder):
         for name in (*folders, *files):
             _require_no_link(Path(at, name))
@@ -73,7 +73,7 @@ def _require_no_link(path: Path) -> None:
 
 
 def files_left_by(folder: Path, process: int) -> list[tuple[Path, Path]]:
-    """By an ended process's unfinished files in a folder: (temporary file, intended path)."""
+    """Unfinished files of an ended process in a folder: (temporary path, intended path)."""
     mark = f".{process}-"
     return [
         (part, part.with_name(part.name[1 : part.name.rindex(mark)]))
@@ -81,8 +81,8 @@ def files_left_by(folder: Path, process: int) -> list[tuple[Path, Path]]:
     ]
 
 
-def unfinished_parts(path: Path) -> list[Path]:
-    """The temporary files of the file at `path` that ended processes have left."""
+def unfinished_files(path: Path) -> list[Path]:
+    """The temporary files for `path` that processes left which have ended."""
     target = path.resolve()
     named = re.compile(rf"\.{re.escape(target.name)}\.([0-9]+)-[0-9a-f]{{8}}{re.escape(PART)}")
     with suppress(OSError):
@@ -92,7 +92,7 @@ def unfinished_parts(path: Path) -> list[Path]:
 
 
 def _is_running(process: int) -> bool:
-    """Whether a process exists; one that the system does not tell about counts as running."""
+    """Whether a process exists; it counts as running if the system does not tell."""
     if os.name != "posix":
         return True  # on this system signal 0 would end the process
     try:

@@ -21,41 +21,41 @@ PART = 1 << 20
 
 
 class TooLargeError(ValueError):
-    """A file unpacks to more bytes than any log has."""
+    """Raised for a file that unpacks to more bytes than any log has."""
 
 
 class BoundedUnpacking:
-    """Unpacks chunks of a file of `size` bytes; TooLargeError, or what the packages raise."""
+    """Unpacks chunks of a file of `size` bytes; TooLargeError, or errors of the packages."""
 
     def __init__(self, size: int) -> None:
         self.left = max(UNPACKED_MIN, UNPACKED_RATIO * size)
 
     def unpack_bz2(self, packed: bytes) -> bytes:
-        """Unpacks a chunk of bz2."""
-        return self.count_plain(_joined(_parts(bz2.BZ2Decompressor(), packed)))
+        """The content of a chunk packed by bz2."""
+        return self.count_plain(_joined_pieces(_unpacked_pieces(bz2.BZ2Decompressor(), packed)))
 
     def unpack_lz4(self, packed: bytes) -> bytes:
-        """Unpacks a frame of lz4."""
+        """The content of a frame packed by lz4."""
         from lz4.frame import LZ4FrameDecompressor  # noqa: PLC0415 - comes with an extra
 
-        return self.count_plain(_joined(_parts(LZ4FrameDecompressor(), packed)))
+        return self.count_plain(_joined_pieces(_unpacked_pieces(LZ4FrameDecompressor(), packed)))
 
     def unpack_zstd(self, packed: bytes) -> bytes:
-        """Unpacks frames of zstd."""
+        """The content of frames packed by zstd."""
         from zstandard import ZstdDecompressor  # noqa: PLC0415 - comes with an extra
 
         with ZstdDecompressor().stream_reader(packed, read_across_frames=True) as reader:
-            return self.count_plain(_joined(iter(lambda: reader.read(PART), b"")))
+            return self.count_plain(_joined_pieces(iter(lambda: reader.read(PART), b"")))
 
     def count_plain(self, data: bytes) -> bytes:
-        """Counts bytes that are not packed, or were unpacked, and returns them."""
+        """Counts bytes towards the bound, and gives them; TooLargeError beyond it."""
         self.left -= len(data)
         if self.left < 0:
             raise TooLargeError("it unpacks to more than any log has")
         return data
 
 
-def _parts(unpacker: Any, packed: bytes) -> Iterator[bytes]:  # noqa: ANN401 - two packages, one shape
+def _unpacked_pieces(unpacker: Any, packed: bytes) -> Iterator[bytes]:  # noqa: ANN401 - two packages, one shape
     """Yields the content of one packed stream piece by piece; EOFError if its end is missing."""
     rest = packed
     while not unpacker.eof:
@@ -68,8 +68,8 @@ def _parts(unpacker: Any, packed: bytes) -> Iterator[bytes]:  # noqa: ANN401 - t
         raise EOFError("the end of a part of it is missing")
 
 
-def _joined(unpacked: Iterable[bytes]) -> bytes:
-    """The pieces of a chunk as one; TooLargeError as soon as they are more than `CHUNK_MAX`."""
+def _joined_pieces(unpacked: Iterable[bytes]) -> bytes:
+    """The pieces of a chunk as one; TooLargeError as soon as they exceed `CHUNK_MAX` bytes."""
     parts, size = [], 0
     for part in unpacked:
         size += len(part)
@@ -80,7 +80,7 @@ def _joined(unpacked: Iterable[bytes]) -> bytes:
 
 
 def unpack_file(packed: BinaryIO, into: BinaryIO, size: int) -> None:
-    """Unpacks a whole file of zstd into another; raises TooLargeError."""
+    """Writes the content of a whole file packed by zstd into another; TooLargeError."""
     from zstandard import ZstdDecompressor  # noqa: PLC0415 - comes with an extra
 
     unpacking = BoundedUnpacking(size)

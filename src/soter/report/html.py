@@ -20,10 +20,10 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import SoterError, mistake
 from soter.diagnostics.system_texts import reason
-from soter.report.atomic_write import atomic_write, own_place
+from soter.report.atomic_write import atomic_write, own_path
 from soter.report.run.page import page_body
 from soter.report.templates import packed_numbers, script_json
-from soter.version import pip_install
+from soter.version import pip_command
 
 if TYPE_CHECKING:
     import os
@@ -39,14 +39,14 @@ BESIDE = POLICY.replace("script-src", "script-src 'self' file:")
 
 
 def require_report_package() -> None:
-    """`SoterError` D007 where the package that draws reports is not installed."""
+    """Raises `SoterError` D007 if `plotly`, which draws reports, is not installed."""
     if find_spec("plotly") is None:
-        raise _without_plotly()
+        raise _missing_plotly_error()
 
 
-def _without_plotly() -> SoterError:
+def _missing_plotly_error() -> SoterError:
     message = "reports are drawn with the package `plotly`, which is not installed"
-    return mistake("D007", message, f"install it: {pip_install('report')}")
+    return mistake("D007", message, f"install it: {pip_command('report')}")
 
 
 def write_html(
@@ -64,16 +64,16 @@ def write_html(
     name = f"soter-plotly-{hashlib.sha256(library.encode()).hexdigest()[:12]}.js"
     written = write_text(html_document(page, beside=name), path)
     try:
-        script = own_place(target.resolve().parent, name)
+        script = own_path(target.resolve().parent, name)
     except OSError as error:
-        raise _cannot_write(target, error) from error
+        raise _write_error(target, error) from error
     if not script.is_file() or script.stat().st_size != len(library.encode()):
         write_text(library, script)
     return written
 
 
 def inline_document(page: ReportPage) -> str:
-    """Returns a page as one small text, with the drawing library compressed in it.
+    """The page as one small text, with the drawing library compressed in it.
 
     The page unpacks it, which browsers since 2023 can. `SoterError` D007 if the extra `report` is
     not installed.
@@ -96,7 +96,7 @@ def write_document(title: str, main: str, path: str | os.PathLike[str]) -> Path:
 
 
 def document(title: str, main: str, asset: str = "") -> str:
-    """Returns a page without the drawing library, with `asset.css` and `asset.js` if named."""
+    """The text of a page without the drawing library, with `asset.css` and `asset.js` if named."""
     if not asset:
         return _html_text(title, main, "")
     script = f"<script>\n{asset_text(f'{asset}.js')}</script>\n"
@@ -104,23 +104,23 @@ def document(title: str, main: str, asset: str = "") -> str:
 
 
 def write_text(text: str, path: str | os.PathLike[str]) -> Path:
-    """Writes a finished page to `path` and returns it; `SoterError` D006 if that fails."""
+    """Writes a finished page to `path` and gives the path; `SoterError` D006 if that fails."""
     target = Path(path)
     content = text.encode()
     try:
         with atomic_write(target) as stream:
             stream.write(content)
     except OSError as error:
-        raise _cannot_write(target, error) from error
+        raise _write_error(target, error) from error
     return target
 
 
-def _cannot_write(target: Path, error: OSError) -> SoterError:
+def _write_error(target: Path, error: OSError) -> SoterError:
     return mistake("D006", f"cannot write the report {target}: {reason(error)}")
 
 
 def html_document(page: ReportPage, drawing_library: str = "", beside: str = "") -> str:
-    """Return the file; `drawing_library`: plotly's JavaScript, `beside`: a file that has it."""
+    """The HTML of a page; `drawing_library`: plotly's JavaScript, `beside`: a file that has it."""
     main, figures = page_body(page)
     drawings = script_json([_packed_figure(f.to_json()) for f in figures])
     scripts = f"""<noscript><p>JavaScript draws the figures; it is switched off.</p></noscript>
@@ -133,7 +133,7 @@ def html_document(page: ReportPage, drawing_library: str = "", beside: str = "")
 
 
 def _packed_figure(figure: Json) -> Json:
-    """The figure with its long lists of x and y packed (`templates.py`)."""
+    """The figure as JSON, with long lists of x and y packed (`templates.py`)."""
     traces = figure["data"]
     assert isinstance(traces, list)
     data = [
@@ -144,7 +144,7 @@ def _packed_figure(figure: Json) -> Json:
 
 
 def _led_script(main: str) -> str:
-    """The script that draws where SC would lead if the page has that, else ""."""
+    """The script that draws to where SC would lead, if the page has such a drawing; else ""."""
     return f"<script>\n{asset_text('led.js')}</script>\n" if 'class="led"' in main else ""
 
 
@@ -171,14 +171,14 @@ def _html_text(title: str, main: str, scripts: str, style: str = "", policy: str
 
 
 def _drawing_library() -> str:
-    """The JavaScript that the installed package carries; `SoterError` D007 without it."""
+    """The JavaScript of the installed plotly; `SoterError` D007 if there is none."""
     try:
         from plotly.offline import get_plotlyjs  # noqa: PLC0415 - an extra, and slow to import
     except ImportError as error:
-        raise _without_plotly() from error
+        raise _missing_plotly_error() from error
     return str(get_plotlyjs())
 
 
 def asset_text(name: str) -> str:
-    """Read a file of the `assets` folder."""
+    """The text of a file in the `assets` folder."""
     return (resources.files("soter.report") / "assets" / name).read_text(encoding="utf-8")

@@ -32,7 +32,7 @@ ROOM, APART = 0.08, 14
 
 @dataclass
 class JudgedCurve:
-    """A compared value; `columns`: least and greatest value there, and the ends of its band."""
+    """A compared value. `columns`: by column, its least and greatest value and the band's ends."""
 
     columns: dict[int, tuple[float, float, float, float]] = field(default_factory=dict)
     outside: int = 0
@@ -41,7 +41,7 @@ class JudgedCurve:
 
 @dataclass
 class JudgedTimes:
-    """Curves and alarms by column, in s; `changes`: when "AC" or "SC" took control, or began."""
+    """Curves and alarms, by column; `changes`: when "AC" or "SC" took control, or began."""
 
     begin_s: float
     end_s: float
@@ -57,7 +57,7 @@ class JudgedTimes:
     def note_value(
         self, of: Compared, at_s: float, value: float, band: Sequence[float], *, alarm: bool
     ) -> None:
-        """Adds a value of the curve `of`; it is outside its band only at an `alarm`."""
+        """Adds a value of the curve `of`; it lies outside its band only if `alarm`."""
         if isfinite(value):
             curve, at = self.curves.setdefault(of, JudgedCurve()), self.column_at(at_s)
             low, high, *_ = curve.columns.get(at, (value, value))
@@ -68,7 +68,7 @@ class JudgedTimes:
 
 
 def drawing_html(times: JudgedTimes, noun: str) -> str:
-    """Makes HTML of the curves, "" without any; `noun`: what an alarm is called."""
+    """The HTML of the curves, or "" if there are none; `noun`: what an alarm is called."""
     most, span = max([*times.alarms.values(), 1]), times.end_s - times.begin_s
     starts = [times.column_at(at_s) for at_s, _ in times.changes]
     wrong = [(of, c) for of, c in times.curves.items() if c.outside]
@@ -90,7 +90,7 @@ def drawing_html(times: JudgedTimes, noun: str) -> str:
 def _places_and_labels(
     columns: Iterable[tuple[float, ...]],
 ) -> tuple[dict[float, float], list[float]]:
-    """By value, its place from the top in percent; and the values to label."""
+    """By value: its place from the top in percent; and the values that get labels."""
     lows, highs, *ends = (set(values) for values in zip(*columns, strict=True))
     seen = [v for v in chain(lows, highs, *ends) if isfinite(v)]
     room = ROOM * ((max(seen) - min(seen)) or 1.0)

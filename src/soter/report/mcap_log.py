@@ -30,7 +30,7 @@ import numpy as np
 from soter.diagnostics.diagnostic import SoterError, mistake
 from soter.diagnostics.system_texts import reason
 from soter.report.atomic_write import atomic_write
-from soter.version import pip_install
+from soter.version import pip_command
 
 if TYPE_CHECKING:
     import os
@@ -64,22 +64,22 @@ EXTENDED_NUMBER: JsonSchema = {
 
 
 class LogError(SoterError):
-    """A log could not be written (D006, D007); a file that stood at its path is unchanged."""
+    """Raised if a log cannot be written (D006, D007); an older file at its path is unchanged."""
 
 
 def enum_schema(names: Iterable[str]) -> JsonSchema:
-    """Return the schema of a value that is one of these names."""
+    """The schema of a value that is one of these names."""
     return {"type": "string", "enum": list(names)}
 
 
 def array_schema(items: JsonSchema, length_max: int | None = None) -> JsonSchema:
-    """Return the schema of an array, at most `length_max` long."""
+    """The schema of an array of at most `length_max` items."""
     bound = {} if length_max is None else {"maxItems": length_max}
     return {"type": "array", "items": items, **bound}
 
 
 def object_schema(fields: Mapping[str, JsonSchema], title: str = "") -> JsonSchema:
-    """Return the schema of an object with exactly these fields; every message is an object."""
+    """The schema of an object with exactly these fields; every message is such an object."""
     return {
         "type": "object",
         **({"title": title} if title else {}),
@@ -141,7 +141,7 @@ class LogChannel:
 
 @dataclass(frozen=True)
 class ModeRecord:
-    """`module` is in `mode` from `time_ns` on; write one for each module at the start."""
+    """The fact that `module` is in `mode` from `time_ns` on; each module has one at the start."""
 
     time_ns: int
     module: str
@@ -174,7 +174,7 @@ class DecisionStep:
 
 @dataclass(frozen=True)
 class LogHeader:
-    """What was run, kept as the metadata record `soter`; `more` has further entries."""
+    """What was run, which is the metadata record `soter`; `more`: further entries."""
 
     program_sha256: str
     system: str
@@ -183,7 +183,7 @@ class LogHeader:
     more: Mapping[str, str] = field(default_factory=dict)
 
     def metadata_entries(self) -> dict[str, str]:
-        """Return the entries as texts, the only values MCAP's metadata holds."""
+        """The entries as texts, as MCAP's metadata holds only texts."""
         return {
             "program_sha256": self.program_sha256,
             "system": self.system,
@@ -221,9 +221,9 @@ def write_mcap(
 
 
 class McapLog:
-    """A log that grows with its run; it stands at its path once it is closed.
+    """A log that grows during its run; the file gets its final path when it is closed.
 
-    The file gets a chunk at a time: if the process dies, `mended` makes a log of what it wrote.
+    The file gets a chunk at a time: if the process dies, `mend_log` makes a log of what it wrote.
     Raises as `write_mcap` does.
     """
 
@@ -246,7 +246,7 @@ class McapLog:
 
     @contextmanager
     def dropped_on_error(self) -> Iterator[None]:
-        """An error inside drops the file; one of the system becomes a `LogError`."""
+        """Drops the file if the block fails; an OSError then becomes a `LogError`."""
         try:
             yield
         except BaseException as error:
@@ -258,7 +258,7 @@ class McapLog:
             raise
 
     def add(self, channels: Iterable[LogChannel]) -> None:
-        """Writes and flushes the channels' messages, by time; ValueError if times run backwards."""
+        """Writes messages of the channels by time; ValueError if times run backwards."""
         with self.dropped_on_error():
             for time_ns, index, message in _merged_messages([c.messages for c in channels]):
                 if time_ns < self._last_ns[index]:
@@ -276,7 +276,7 @@ class McapLog:
             self._stream.flush()
 
     def close(self, end: Mapping[str, str] | None = None) -> Path:
-        """Finishes the file, with how the run ended as metadata, and renames it to its path."""
+        """Writes how the run ended as metadata, finishes the file and gives it its path."""
         with self.dropped_on_error():
             if end is not None:
                 self._writer.add_metadata(END_NAME, dict(end))
@@ -286,23 +286,23 @@ class McapLog:
 
 
 def to_json(message: Mapping[str, object]) -> bytes:
-    """Return a message as JSON text in UTF-8, NaN and infinities as strings."""
+    """A message as JSON text in UTF-8, with NaN and infinities as strings."""
     try:
         text = json.dumps(message, allow_nan=False, separators=(",", ":"), default=_plain_json)
     except ValueError:
         # Only now is the message walked through: nearly all hold finite numbers only.
-        text = json.dumps(_spell_numbers(message), allow_nan=False, separators=(",", ":"))
+        text = json.dumps(_spelled_numbers(message), allow_nan=False, separators=(",", ":"))
     return text.encode()
 
 
 def _open_writer(
     stream: IO[bytes], channels: Sequence[tuple[str, JsonSchema]], header: LogHeader
 ) -> tuple[Any, list[int]]:
-    """A writer that has written header, metadata, schemas and channels; the channels' ids."""
+    """A writer that has written header, metadata, schemas and channels; and the channels' ids."""
     try:
         from mcap.writer import CompressionType, Writer  # noqa: PLC0415 - an extra
     except ImportError as error:
-        message = f"logs are written with mcap, which is not installed: {pip_install('logs')}"
+        message = f"logs are written with mcap, which is not installed: {pip_command('logs')}"
         raise LogError(mistake("D007", message)) from error
     writer = Writer(
         stream,
@@ -322,7 +322,7 @@ def _open_writer(
 
 
 def mend_log(path: Path) -> bool:
-    """Makes a log of a dead process's file: whole chunks and an end. False: no log; `OSError`."""
+    """Makes a log of the file that a dead process left; False if it is not MCAP; `OSError`."""
     with path.open("r+b") as stream:
         if stream.read(len(MAGIC)) != MAGIC:
             return False
@@ -339,7 +339,7 @@ def mend_log(path: Path) -> bool:
         stream.seek(end)
         stream.truncate()
         name, key, value = (
-            _packed_text(s) for s in (END_NAME, "ended", f"{ABNORMALLY}the process died")
+            _length_and_text(s) for s in (END_NAME, "ended", f"{ABNORMALLY}the process died")
         )
         entries = struct.pack("<I", len(key) + len(value)) + key + value
         stream.write(RECORD.pack(METADATA, len(name) + len(entries)) + name + entries)
@@ -350,7 +350,7 @@ def mend_log(path: Path) -> bool:
 
 
 def crc_between(stream: IO[bytes], begin: int = 0, end: int | None = None) -> int:
-    """The CRC-32 of a file from offset `begin` up to `end`, or to the end of the file."""
+    """The CRC-32 of a file from byte `begin` to byte `end`, by default to its end."""
     stream.seek(begin)
     crc, left = 0, None if end is None else end - begin
     while part := stream.read(CHUNK_BYTES if left is None else min(CHUNK_BYTES, left)):
@@ -358,7 +358,7 @@ def crc_between(stream: IO[bytes], begin: int = 0, end: int | None = None) -> in
     return crc
 
 
-def _packed_text(text: str) -> bytes:
+def _length_and_text(text: str) -> bytes:
     return struct.pack("<I", len(text)) + text.encode("ascii")
 
 
@@ -368,7 +368,7 @@ SCHEMA_DIALECT = "https://json-schema.org/draft/2020-12/schema"
 def _merged_messages(
     channels: Sequence[Iterable[Message]],
 ) -> Iterator[tuple[int, int, Mapping[str, object]]]:
-    """Merge the channels' messages: time in ns, index of the channel, message."""
+    """Yields messages of all channels by time: time in ns, index of the channel, message."""
 
     def stamped(
         index: int, messages: Iterable[Message]
@@ -381,7 +381,7 @@ def _merged_messages(
 
 
 def _check_channels(channels: Sequence[tuple[str, JsonSchema]]) -> None:
-    """Raise `ValueError` for names used twice and schemas that viewers cannot read."""
+    """Raises `ValueError` for names used twice and for schemas that viewers cannot read."""
     names = [name for name, _ in channels]
     for name, schema in channels:
         if names.count(name) > 1:
@@ -391,12 +391,12 @@ def _check_channels(channels: Sequence[tuple[str, JsonSchema]]) -> None:
 
 
 def mode_message(change: ModeRecord) -> Message:
-    """Return a change of mode as a message."""
+    """The message for a change of mode."""
     return change.time_ns, {"module": change.module, "mode": change.mode}
 
 
 def decision_message(step: DecisionStep) -> Message:
-    """Return a step of a DM as a message."""
+    """The message for a step of a decision module."""
     return step.time_ns, {
         "module": step.module,
         "mode_before": step.mode_before,
@@ -412,7 +412,7 @@ def decision_message(step: DecisionStep) -> Message:
 
 
 def _plain_json(value: object) -> object:
-    """Turn what JSON does not know into what it knows."""
+    """The JSON value for an object that the JSON writer does not know."""
     if isinstance(value, np.generic):
         return value.item()
     if isinstance(value, np.ndarray):
@@ -422,16 +422,16 @@ def _plain_json(value: object) -> object:
     raise TypeError(f"cannot log a value of type {type(value).__name__}")
 
 
-def _spell_numbers(value: object) -> object:
-    """Return a copy of a message with NaN and infinities spelled out."""
+def _spelled_numbers(value: object) -> object:
+    """A copy of a message in which NaN and infinities are texts."""
     if isinstance(value, (np.generic, np.ndarray)):
-        return _spell_numbers(_plain_json(value))
+        return _spelled_numbers(_plain_json(value))
     if isinstance(value, float) and not math.isfinite(value):
         if math.isnan(value):
             return "NaN"
         return "Infinity" if value > 0 else "-Infinity"
     if isinstance(value, Mapping):
-        return {name: _spell_numbers(item) for name, item in value.items()}
+        return {name: _spelled_numbers(item) for name, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_spell_numbers(item) for item in value]
+        return [_spelled_numbers(item) for item in value]
     return value

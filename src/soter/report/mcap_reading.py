@@ -35,7 +35,7 @@ from soter.report.mcap_log import (
     RECORD,
     crc_between,
 )
-from soter.version import pip_install
+from soter.version import pip_command
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -62,7 +62,7 @@ MERGED = "put logs together with `mcap merge`, which gives ids anew, or give the
 
 
 class DamagedMcapError(ValueError):
-    """A file contradicts itself; the text says where and how, `remedy` what to do."""
+    """Raised if a file contradicts itself. The text says where; `remedy` says what to do."""
 
     def __init__(self, text: str, remedy: str = REMEDY) -> None:
         super().__init__(text)
@@ -70,11 +70,11 @@ class DamagedMcapError(ValueError):
 
 
 class CutMcapError(DamagedMcapError):
-    """The end of a file is missing; all messages before that have been yielded."""
+    """Raised if the end of a file is missing; all messages before have been yielded."""
 
 
 class McapRecords:
-    """The records of one file, which can be read once.
+    """Reads the records of one file, once.
 
     `metadata`: records of it that were read so far, by name. `private`: how many private records
     were skipped. `unchecked`: whether there was a message that no checksum covers.
@@ -132,14 +132,14 @@ class McapRecords:
                 self._check_footer(body, at, summary_at)
                 return
             else:
-                self._require_kind(kind, IN_DATA if summary_at is None else IN_SUMMARY, at)
+                self._require_known_kind(kind, IN_DATA if summary_at is None else IN_SUMMARY, at)
                 if summary_at is None:
                     crc = zlib.crc32(body, zlib.crc32(head, crc))
                     yield from self._data_messages(kind, body, at)
                 else:
                     self._read_summary(kind, body, at)
 
-    def _require_kind(self, kind: int, known: tuple[int, ...], at: int) -> None:
+    def _require_known_kind(self, kind: int, known: tuple[int, ...], at: int) -> None:
         if kind >= PRIVATE:
             self.private += 1
         elif kind not in known and kind != HEADER:
@@ -163,7 +163,7 @@ class McapRecords:
             self._loose = True
             yield self._read_message(body, f"at byte {at}")
         elif kind in (SCHEMA, CHANNEL):
-            self._define_id(kind, body, at)
+            self._enter_definition(kind, body, at)
         elif kind == MESSAGE_INDEX:
             self._check_message_index(body, at)
         elif kind == METADATA:
@@ -202,7 +202,7 @@ class McapRecords:
                 self._of_chunk.setdefault(channel.id, []).append(message.log_time)
                 yield triple
             elif kind in (SCHEMA, CHANNEL):
-                self._define_id(kind, bytes(inside[begin:place]), at)
+                self._enter_definition(kind, bytes(inside[begin:place]), at)
             else:
                 raise DamagedMcapError(f"a record of kind {kind} stands {here}, where none may")
         times = [t for of_channel in self._of_chunk.values() for t in of_channel]
@@ -238,8 +238,8 @@ class McapRecords:
         data = body[MESSAGE_HEAD.size :]
         return channel, schema, Message(channel_id, log_time, data, publish_time, sequence)
 
-    def _define_id(self, kind: int, body: bytes, at: int) -> None:
-        """Enters a schema or a channel; DamagedMcapError if its id had another meaning before."""
+    def _enter_definition(self, kind: int, body: bytes, at: int) -> None:
+        """Enters a schema or channel; DamagedMcapError if its id was in use for another."""
         record = _read_record("Schema" if kind == SCHEMA else "Channel", body, at)
         known = self._schemas if kind == SCHEMA else self._channels
         before = known.setdefault(record.id, record)
@@ -268,7 +268,7 @@ class McapRecords:
 
     def _read_summary(self, kind: int, body: bytes, at: int) -> None:
         if kind in (SCHEMA, CHANNEL):
-            self._define_id(kind, body, at)
+            self._enter_definition(kind, body, at)
         elif kind == STATISTICS:
             self._check_statistics(_read_record("Statistics", body, at))
         elif kind == CHUNK_INDEX:
@@ -322,7 +322,7 @@ class McapRecords:
 
 
 class _StrictBytes(BytesIO):
-    """Bytes in memory of which reading more than there are is an error."""
+    """Bytes in memory; reading more bytes than there are is an error."""
 
     def read(self, size: int | None = -1) -> bytes:
         data = super().read(size)
@@ -332,7 +332,7 @@ class _StrictBytes(BytesIO):
 
 
 def _read_record(name: str, body: bytes, at: int) -> Any:  # noqa: ANN401 - a record of the package
-    """The record `name` from `body`, all of whose bytes it has to use."""
+    """The record of kind `name` in `body`; DamagedMcapError if bytes are missing or left over."""
     from mcap import records  # noqa: PLC0415 - an extra
     from mcap.data_stream import ReadDataStream  # noqa: PLC0415 - the same
 
@@ -347,7 +347,7 @@ def _read_record(name: str, body: bytes, at: int) -> Any:  # noqa: ANN401 - a re
 
 
 def _compare_crc(stored: int, counted: int, part: str) -> None:
-    """Raises DamagedMcapError if the file has a checksum and it differs from the counted one."""
+    """Raises DamagedMcapError if the stored checksum is not 0 and not the computed one."""
     if stored and stored != counted:
         text = f"{part} is damaged: its checksum is {stored:08x}, and its bytes give {counted:08x}"
         raise DamagedMcapError(text)
@@ -358,18 +358,18 @@ def _file_size(file: BinaryIO) -> int:
 
 
 def require_log_package() -> None:
-    """Raises SoterError D007 if the package for logs, `mcap`, is not installed."""
+    """Raises SoterError D007 if `mcap`, the package for logs, is not installed."""
     if find_spec("mcap") is None:
         raise mistake(
             "D007",
             "logs are written with the package `mcap`, which is not installed",
-            f"install it: {pip_install('logs')}",
+            f"install it: {pip_command('logs')}",
         )
 
 
 @contextmanager
-def _records(path: Path) -> Iterator[McapRecords]:
-    """Gives the records of a log; SoterError D006 if it cannot be read or is damaged."""
+def _open_records(path: Path) -> Iterator[McapRecords]:
+    """Opens the records of a log for a block; SoterError D006 if it is unreadable or damaged."""
     try:
         with open_finite_file(path) as file:
             yield McapRecords(file)
@@ -385,9 +385,9 @@ def _records(path: Path) -> Iterator[McapRecords]:
 
 
 def log_metadata(path: Path) -> dict[str, str]:
-    """What a log's begin says of its run; {} if `soter run` did not write it; SoterError D006."""
-    with _records(path) as records:
-        for _ in _up_to_cut(records, lambda _: None):
+    """What a log says of its run at its beginning; {} if not by `soter run`; SoterError D006."""
+    with _open_records(path) as records:
+        for _ in _messages_up_to_cut(records, lambda _: None):
             if METADATA_NAME in records.metadata:
                 break
         return records.metadata.get(METADATA_NAME, {})
@@ -403,8 +403,8 @@ def log_messages(
     was not logged.
     """
     last_ns = 0
-    with _records(path) as records:
-        for channel, _, message in _up_to_cut(records, cut):
+    with _open_records(path) as records:
+        for channel, _, message in _messages_up_to_cut(records, cut):
             if message.log_time < last_ns:
                 text = (
                     f"time goes back from {last_ns / 1e9:.9g} s to {message.log_time / 1e9:.9g} s"
@@ -417,7 +417,7 @@ def log_messages(
             cut(ended.removeprefix(ABNORMALLY))
 
 
-def _up_to_cut(
+def _messages_up_to_cut(
     records: McapRecords, cut: Callable[[str], None] | None
 ) -> Iterator[tuple[Any, Any, Any]]:
     try:
@@ -429,7 +429,7 @@ def _up_to_cut(
 
 
 def damage_text(error: Exception) -> str:
-    """Says what is wrong with a log at which the package `mcap` raised this error."""
+    """The words for what is wrong with a log at which the package `mcap` raised this error."""
     from mcap.exceptions import InvalidMagic, McapError  # noqa: PLC0415 - an extra
 
     by_mcap = isinstance(error, (McapError, ValueError)) and not isinstance(error, InvalidMagic)
@@ -438,6 +438,6 @@ def damage_text(error: Exception) -> str:
 
 
 def unreadable_error(path: Path, why: str) -> SoterError:
-    """Gives a SoterError D006 for a log that is none of `soter run --log`, or damaged."""
+    """The SoterError D006 for a log that is not one of `soter run --log`, or is damaged."""
     helps = ("a log of somebody else, a CSV or a bag needs `--map FILE`: docs/real-logs.md",)
     return mistake("D006", f"cannot read the log `{path}`: {why}", *helps)

@@ -36,7 +36,7 @@ R1, R2, R3, R4, R5 = 1, 2, 3, 4, 5
 
 @dataclass(frozen=True)
 class PropertyRow:
-    """One property: `verdict` is proved, refuted, undecided or assumed."""
+    """A row for a property. `verdict`: proved, refuted, undecided or assumed."""
 
     name: str
     meaning: str
@@ -60,7 +60,7 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class RegionSlice:
-    """A region figure at the place `where` of the third axis, shaped as its `RegionFigure`."""
+    """A slice of a region figure at place `where` of the third axis, shaped as `RegionFigure`."""
 
     where: str
     regions: NDArray[np.uint8]
@@ -95,7 +95,7 @@ class RegionFigure:
 
 @dataclass(frozen=True)
 class ModuleProof:
-    """One module: what was shown, with which times, and how large the sets are."""
+    """One module: its properties, the times used, and the sizes of its sets."""
 
     name: str
     verdict: str
@@ -121,7 +121,7 @@ class ModuleProof:
 
 @dataclass(frozen=True)
 class TakenRow:
-    """What a module assumes of others, and why it may; `open`: it is not proved."""
+    """What a module assumes of others, and the reason; `open`: that is not proved."""
 
     module: str
     what: str
@@ -131,7 +131,7 @@ class TakenRow:
 
 @dataclass(frozen=True)
 class ProofPage:
-    """The whole page of a proof."""
+    """The content of the page of a proof."""
 
     title: str
     headline: str
@@ -156,12 +156,12 @@ TICKS = 6
 
 
 def region_svg(figure: RegionFigure) -> str:
-    """Draws one region figure as SVG."""
+    """The SVG of one region figure."""
     flat = not figure.y_name
     height = STRIP + TOP + BOTTOM if flat else HEIGHT
     x = _Scale(figure.x_edges, LEFT, WIDTH - RIGHT)
     y = _Scale(figure.y_edges, height - BOTTOM, TOP)
-    parts = [_slice_svg(s, k == figure.shown, x, y) for k, s in enumerate(figure.slices)]
+    parts = [_svg_of_slice(s, k == figure.shown, x, y) for k, s in enumerate(figure.slices)]
     parts = parts or [*_region_paths(figure.regions, x, y), _border_path(figure.lets_ac, x, y)]
     parts += _axis_x(x, quantity(figure.x_name, figure.x_unit), height)
     if not flat:
@@ -179,7 +179,7 @@ def region_svg(figure: RegionFigure) -> str:
 
 
 class _Scale:
-    """Maps values of an axis to places on the drawing."""
+    """Maps values of an axis to places on the drawing, in px."""
 
     def __init__(self, edges: NDArray[np.float64], at_low: float, at_high: float) -> None:
         self.low, self.high = float(edges[0]), float(edges[-1])
@@ -191,7 +191,7 @@ class _Scale:
         return self.at_low + (value - self.low) * self.per_unit
 
     def ticks(self) -> list[float]:
-        """Round values inside the axis."""
+        """Round values within the axis, for its ticks."""
         raw = (self.high - self.low) / TICKS
         power = 10.0 ** np.floor(np.log10(raw))
         step = next(k * power for k in (1.0, 2.0, 5.0, 10.0) if k * power >= raw)
@@ -200,15 +200,15 @@ class _Scale:
         return [float((first + k) * step) for k in range(count)]
 
 
-def _slice_svg(part: RegionSlice, shown: bool, x: _Scale, y: _Scale) -> str:
-    """One slice of several; all but the shown one are hidden until the slider asks for them."""
+def _svg_of_slice(part: RegionSlice, shown: bool, x: _Scale, y: _Scale) -> str:
+    """A slice as SVG; all but the shown one are hidden until the slider selects them."""
     hidden = "" if shown else ' display="none"'
     paths = "".join((*_region_paths(part.regions, x, y), _border_path(part.lets_ac, x, y)))
     return f'<g class="slice"{hidden}><title>{escape(part.where)}</title>{paths}</g>'
 
 
 def _region_paths(regions: NDArray[np.uint8], x: _Scale, y: _Scale) -> list[str]:
-    """A path for each region that has cells."""
+    """An SVG path for each region that has cells."""
     return [
         f'<path class="r{code}" d="{path}"/>'
         for code in range(R1, R5 + 1)
@@ -217,7 +217,7 @@ def _region_paths(regions: NDArray[np.uint8], x: _Scale, y: _Scale) -> list[str]
 
 
 def _region_path(inside: NDArray[np.bool_], x: _Scale, y: _Scale) -> str:
-    """All cells of one region: a rectangle for each run along x, as high as rows have that run."""
+    """The SVG path data of one region: rectangles of cells, joined over rows that are equal."""
     pieces: list[str] = []
     open_runs: dict[tuple[int, int], int] = {}
     for j in range(inside.shape[1] + 1):
@@ -233,7 +233,7 @@ def _region_path(inside: NDArray[np.bool_], x: _Scale, y: _Scale) -> str:
 
 
 def _border_path(inside: NDArray[np.bool_] | None, x: _Scale, y: _Scale) -> str:
-    """The line between cells of a set and others, without the frame."""
+    """The SVG path between the cells in a set and the others, without the frame."""
     if inside is None:
         return ""
     pieces = [
@@ -247,16 +247,16 @@ def _border_path(inside: NDArray[np.bool_] | None, x: _Scale, y: _Scale) -> str:
     return f'<path class="border" d="{"".join(pieces)}"/>' if pieces else ""
 
 
-def _tick(value: float) -> str:
+def _tick_text(value: float) -> str:
     """The text of a tick."""
     return f"{value:.6g}".replace("-", "\N{MINUS SIGN}")
 
 
 def _axis_x(x: _Scale, name: str, height: float) -> list[str]:
-    """Draws ticks and name below the figure."""
+    """The SVG elements of the ticks and the name below the figure."""
     base, middle = height - BOTTOM, (LEFT + WIDTH - RIGHT) / 2
     ticks = [
-        f'<text x="{x.px_of(t):.1f}" y="{base + 17:g}" text-anchor="middle">{_tick(t)}</text>'
+        f'<text x="{x.px_of(t):.1f}" y="{base + 17:g}" text-anchor="middle">{_tick_text(t)}</text>'
         f'<path class="tick" d="M{x.px_of(t):.1f} {base:g}v4"/>'
         for t in x.ticks()
     ]
@@ -265,9 +265,9 @@ def _axis_x(x: _Scale, name: str, height: float) -> list[str]:
 
 
 def _axis_y(y: _Scale, name: str, height: float) -> list[str]:
-    """Draws ticks and name on the left of the figure."""
+    """The SVG elements of the ticks and the name to the left of the figure."""
     ticks = [
-        f'<text x="{LEFT - 8:g}" y="{y.px_of(t) + 4:.1f}" text-anchor="end">{_tick(t)}</text>'
+        f'<text x="{LEFT - 8:g}" y="{y.px_of(t) + 4:.1f}" text-anchor="end">{_tick_text(t)}</text>'
         f'<path class="tick" d="M{LEFT:g} {y.px_of(t):.1f}h-4"/>'
         for t in y.ticks()
     ]
@@ -276,7 +276,7 @@ def _axis_y(y: _Scale, name: str, height: float) -> list[str]:
 
 
 def _trajectory_svg(run: Trajectory, x: _Scale, y: _Scale) -> str:
-    """Draws a run in the colours of who is in control, with dots where that changes."""
+    """The SVG of a run in the colour of whoever is in control, with dots at changes."""
     px = np.round([x.px_of(float(v)) for v in run.x], 1)
     py = np.round([y.px_of(float(v)) for v in run.y], 1)
     changes = np.flatnonzero(np.diff(run.in_control.astype(int))) + 1
@@ -314,18 +314,18 @@ REGIONS = (
 
 
 def write_proof(page: ProofPage, path: str | os.PathLike[str]) -> Path:
-    """Write the page to `path`; it needs no script and no network. `SoterError` D006."""
+    """Writes the page to `path`; it needs no script and no network. `SoterError` D006."""
     return write_text(proof_document(page), path)
 
 
 def proof_document(page: ProofPage) -> str:
-    """The page as one text; only sliders through a third axis have a script."""
+    """The page as a text; it has a script only for sliders along a third axis."""
     main = proof_body(page)
     return document(page.title, main, "slices" if 'class="slices"' in main else "")
 
 
 def proof_body(page: ProofPage) -> str:
-    """Return the inside of `<main>` of the report."""
+    """The HTML inside `<main>` of the report."""
     return filled(
         "report/proof_page.html.j2",
         page=page,
@@ -339,7 +339,7 @@ def proof_body(page: ProofPage) -> str:
 
 
 def _single_region(f: RegionFigure) -> int | None:
-    """The region that a figure with one axis consists of, so that it is not drawn; or None."""
+    """The only region in a figure of one axis, which then needs no drawing; else None."""
     if f.y_name or f.slices or f.trajectory is not None:
         return None
     if f.lets_ac is not None and f.lets_ac.any() and not f.lets_ac.all():
@@ -349,7 +349,7 @@ def _single_region(f: RegionFigure) -> int | None:
 
 
 def _undrawn_regions(figures: tuple[RegionFigure, ...]) -> list[tuple[str, str, str]]:
-    """For each region and note, the axes along which it reaches from end to end."""
+    """For each region and note: the axes along which the region spans the whole axis."""
     axes: dict[tuple[int, str], list[str]] = {}
     for f in figures:
         if (region := _single_region(f)) is not None:
@@ -366,7 +366,7 @@ APART_PX = 22.0
 
 @dataclass(frozen=True)
 class Line:
-    """A curve: `points` are (Delta in ms, share); `sure` says for which all is proved."""
+    """A curve. `points`: (Delta in ms, share); `sure`: whether all is proved at each point."""
 
     name: str
     points: tuple[tuple[float, float], ...]
@@ -391,7 +391,7 @@ class AdvicePage:
 
 
 def advice_main(pages: Sequence[AdvicePage]) -> str:
-    """The body of the page of advice."""
+    """The HTML inside `<main>` of the page of advice."""
     return filled("report/advice.html.j2", pages=pages, svg=_advice_svg)
 
 
@@ -399,30 +399,30 @@ def _advice_svg(page: AdvicePage) -> Iterator[str]:
     width, height, left, bottom, top, right = 530, 320, 64, 46, 22, 100
     longest = max((x for line in page.lines for x, _ in line.points), default=1.0) * 1.05
 
-    def at(x: float, y: float) -> tuple[float, float]:
+    def place_on_drawing(x: float, y: float) -> tuple[float, float]:
         across = left + x / longest * (width - left - right)
         return across, height - bottom - y * (height - bottom - top)
 
     yield f'<svg class="chart advice" viewBox="0 0 {width} {height}" role="img">'
     yield f"<title>{escape(page.module)}: shares of the states over Delta</title>"
     for k in range(6):
-        x, y = at(0.0, k / 5)
+        x, y = place_on_drawing(0.0, k / 5)
         yield f'<path class="grid" d="M{x:.1f} {y:.1f}H{width - right}"/>'
         yield f'<text x="{x - 8:.1f}" y="{y + 4:.1f}" text-anchor="end">{20 * k} %</text>'
     last = -APART_PX
     for ms in sorted({x for line in page.lines for x, _ in line.points}):
-        x, y = at(ms, 0.0)
+        x, y = place_on_drawing(ms, 0.0)
         if x - last >= APART_PX:
             yield f'<text x="{x:.1f}" y="{y + 18:.1f}" text-anchor="middle">{ms:g}</text>'
             last = x
     middle = f'x="{(width - right + left) / 2:.0f}" y="{height - 8}" text-anchor="middle"'
     yield f'<text class="name" {middle}>Δ / ms</text>'
     if page.best_ms is not None:
-        x, y = at(page.best_ms, 0.0)
+        x, y = place_on_drawing(page.best_ms, 0.0)
         yield f'<path class="best" d="M{x:.1f} {y:.1f}V{top}"/><text class="name" x="{x:.1f}" '
         yield f'y="{top - 8}" text-anchor="middle">longest that verifies</text>'
     for k, line in enumerate(page.lines[:CURVES_MAX]):
-        yield from _line_svg(line, f"curve-{k}", [at(x, y) for x, y in line.points])
+        yield from _line_svg(line, f"curve-{k}", [place_on_drawing(x, y) for x, y in line.points])
     yield "</svg>"
 
 

@@ -32,7 +32,7 @@ MEANINGS = {
 
 @dataclass(frozen=True)
 class Definition:
-    """A name in an expansion with its expression or value; `unit` if one is declared."""
+    """A name in an expanded predicate, with its expression or value; `unit` if it has one."""
 
     name: str
     text: str
@@ -58,7 +58,7 @@ class ExpandedPredicate:
     functions: tuple[Definition, ...] = ()
 
     def to_json(self) -> dict[str, object]:
-        """Return the JSON object of docs/json.md."""
+        """The JSON object, as docs/json.md describes it."""
         return asdict(self)
 
 
@@ -121,7 +121,7 @@ class Traceability:
         return all(item.status == "supported" for item in self.items)
 
     def to_json(self) -> dict[str, object]:
-        """Return the JSON object of docs/json.md."""
+        """The JSON object, as docs/json.md describes it."""
         return asdict(self) | {"path": self.path or None, "sha256": self.sha256 or None}
 
 
@@ -147,7 +147,7 @@ class TracedCondition:
 
 @dataclass(frozen=True)
 class ConditionTrace:
-    """The conditions of the file `c`, what ran them, and (row, property) that reach no one."""
+    """The conditions in the file `c`, what ran them; `empty`: (row, property) that reach none."""
 
     c: str
     ran: tuple[str, ...]
@@ -156,12 +156,12 @@ class ConditionTrace:
 
     @property
     def reached(self) -> list[TracedCondition]:
-        """The conditions that a row of hazards reaches."""
+        """The conditions that some row of hazards reaches."""
         return [x for x in self.conditions if x.reached_by]
 
     @property
     def summary(self) -> str:
-        """How many conditions are reached and covered, in one sentence."""
+        """A sentence on how many conditions are reached, and how many of these are covered."""
         reached = self.reached
         covered, all_ = sum(bool(x.covered_by) for x in reached), len(self.conditions)
         return (
@@ -170,7 +170,7 @@ class ConditionTrace:
         )
 
     def as_csv(self) -> str:
-        """A row for each condition and each property by which it is reached, as the C has them."""
+        """CSV with a row for each condition and each property that reaches it, in C's order."""
         text = StringIO()
         table = csv.writer(text, lineterminator="\n")
         names = [f.name for f in fields(TracedCondition)][1:]
@@ -219,7 +219,7 @@ class CaseNode:
 
 @dataclass
 class SafetyCase:
-    """Nodes in reading order, the top goal first; `provenance`: with what the case was made."""
+    """Nodes in reading order, the top goal first; `provenance`: the tools behind the case."""
 
     title: str
     program: str
@@ -239,7 +239,7 @@ class SafetyCase:
     def add(
         self, node: CaseNode, *, under: CaseNode | None = None, beside: CaseNode | None = None
     ) -> CaseNode:
-        """Adds a node that supports `under`, or is in the context of `beside`; returns it."""
+        """Adds a node that supports `under`, or is context of `beside`, and gives it back."""
         assert all(n.id != node.id for n in self.nodes), node.id
         self.nodes.append(node)
         if under is not None:
@@ -256,7 +256,7 @@ class SafetyCase:
         raise KeyError(id_)
 
     def status(self, node: CaseNode) -> str:
-        """Say "supported" if every branch below ends in a solution that was checked now."""
+        """Whether a node is "supported": every branch below ends in a solution checked now."""
         if node.kind == "solution":
             return SUPPORTED if node.checked else UNDEVELOPED
         below = [self.status(self.node(i)) for i in node.supported_by]
@@ -273,7 +273,7 @@ class SafetyCase:
         return [n for n in self.nodes if n.kind == "goal"]
 
     def to_json(self, version: str) -> dict[str, object]:
-        """The machine-readable case (docs/json.md)."""
+        """The case as JSON (docs/json.md)."""
         return {
             "schema": 1,
             "soter": version,
@@ -327,17 +327,17 @@ class Assurance:
 
     @property
     def lawful(self) -> bool:
-        """Whether a fail-safe law is supported for every module."""
+        """Whether the goal that every module has a fail-safe law is supported."""
         return any(g.id == LAWS and self.case.status(g) == SUPPORTED for g in self.case.goals)
 
     @property
     def returns(self) -> bool:
-        """Whether P2b is supported for every module of which the program asks it."""
+        """Whether P2b is supported for every module for which the program demands it."""
         return all(self.case.status(g) == SUPPORTED for g in self.case.goals if g.id == RETURNS)
 
 
 def strictdoc(case: SafetyCase) -> str:
-    """The case as a document of StrictDoc, as text."""
+    """The case as the text of a StrictDoc document."""
     return "\n".join(_document_lines(case))
 
 
@@ -377,6 +377,6 @@ def _one_line(text: str) -> str:
 
 
 def _text_lines(text: str) -> list[str]:
-    """The lines of a text, of which none can end its field; at least one."""
+    """The lines of a text, changed so that none can end its field; at least one."""
     lines = [line.rstrip() for line in text.splitlines() if line.strip()]
     return [f" {x}" if x.startswith(("<<<", ">>>", "[")) else x for x in lines] or ["-"]

@@ -59,7 +59,7 @@ LEGEND = (
 
 @dataclass
 class _Spot:
-    """A node in a picture, or several solutions in one: its place, and the spots below it."""
+    """A node in a picture, or several solutions as one; its place, and the spots below it."""
 
     nodes: list[CaseNode]
     x: float = 0.0
@@ -73,7 +73,7 @@ class _Spot:
 
     @property
     def lines(self) -> list[str]:
-        """The lines of the node's text, cut to the room that there is."""
+        """The lines of the node's text, cut to the space in its symbol."""
         lines = textwrap.wrap(self.node.text.replace("`", ""), LETTERS) or [""]
         if len(lines) > LINES_MAX:
             lines = [*lines[: LINES_MAX - 1], f"{lines[LINES_MAX - 1][: LETTERS - 1]}…"]
@@ -87,7 +87,7 @@ class _Spot:
 
 
 def argument_pictures(case: SafetyCase) -> list[tuple[str, str]]:
-    """(title, SVG) pairs: the top goal ("" as title), parts that did not fit, then other goals."""
+    """Pairs (title, SVG): the top goal with title "", parts too wide for it, then other goals."""
     below = {i for n in case.nodes for i in n.supported_by}
     drawings: list[tuple[str, str]] = []
     for root in (n for n in case.goals if n.id not in below):
@@ -105,7 +105,7 @@ def argument_pictures(case: SafetyCase) -> list[tuple[str, str]]:
 
 
 def _goals_of_modules(case: SafetyCase, root: CaseNode) -> list[CaseNode]:
-    """The goals below the first strategy, or else below the root."""
+    """The goals below the root's only strategy, or else below the root."""
     nodes = [case.node(i) for i in root.supported_by]
     if [n.kind for n in nodes] == ["strategy"]:
         nodes = [case.node(i) for i in nodes[0].supported_by]
@@ -113,7 +113,7 @@ def _goals_of_modules(case: SafetyCase, root: CaseNode) -> list[CaseNode]:
 
 
 def _spot_tree(case: SafetyCase, node: CaseNode, ends: frozenset[str] | None) -> _Spot:
-    """A node with the nodes below it, without those below `ends`."""
+    """The spot of a node, with the nodes below it; nodes in `ends` have nothing below them."""
     spot = _Spot([node])
     if ends is not None and node.id in ends:
         return spot
@@ -122,13 +122,13 @@ def _spot_tree(case: SafetyCase, node: CaseNode, ends: frozenset[str] | None) ->
 
 
 def _column_count(spot: _Spot) -> int:
-    """How many columns of goals a branch takes."""
+    """How many columns the goals of a branch need."""
     goals = [s for s in spot.below if s.node.kind != "solution"]
     return max(sum(_column_count(s) for s in goals), len(spot.below) - len(goals), 1)
 
 
 def _spot_rows(spot: _Spot) -> list[list[_Spot]]:
-    """The spots by layers; equal solutions stand once, below all that they support."""
+    """The spots by row; equal solutions are one spot, below everything that they support."""
     rows = [[spot]]
     while True:
         row: list[_Spot] = []
@@ -150,7 +150,7 @@ def _spot_rows(spot: _Spot) -> list[list[_Spot]]:
 
 
 def _place_columns(spot: _Spot, left: float) -> float:
-    """Gives goals columns from the left, and nodes above the middle of theirs; gives the end."""
+    """Gives goals columns from `left` on, and centres nodes above theirs; gives the right end."""
     goals = [s for s in spot.below if s.node.kind != "solution"]
     if not goals:
         spot.x = left + COLUMN * _column_count(spot) / 2
@@ -168,7 +168,7 @@ def _picture_svg(case: SafetyCase, root: _Spot) -> str:
     root_x = root.x
     if beside:  # assumptions to the left of the top goal, contexts to its right
         short = max(1.5 * COLUMN - root_x, 1.5 * COLUMN - (width - root_x), 0.0)
-        _move_by(root, short)
+        _move_branch(root, short)
         width += 2 * short
     rows = _spot_rows(root)
     y = _place_rows(rows)
@@ -196,7 +196,7 @@ def _picture_svg(case: SafetyCase, root: _Spot) -> str:
 
 
 def _place_rows(rows: list[list[_Spot]]) -> float:
-    """Puts rows below one another, circles below what they support; gives the end of the last."""
+    """Places rows below one another, circles below what they support; gives the bottom's y."""
     above: dict[int, list[_Spot]] = {}
     for a in (a for row in rows for a in row):
         for b in dict.fromkeys(map(id, a.below)):
@@ -213,14 +213,14 @@ def _place_rows(rows: list[list[_Spot]]) -> float:
     return y
 
 
-def _move_by(spot: _Spot, by: float) -> None:
+def _move_branch(spot: _Spot, by: float) -> None:
     spot.x += by
     for s in spot.below:
-        _move_by(s, by)
+        _move_branch(s, by)
 
 
 def _move_apart(spots: Sequence[_Spot]) -> None:
-    """Moves the circles of a row apart, in their order, so that none covers another."""
+    """Moves the circles of a row apart in their order, so that none covers another."""
     least = RADIUS + 0.0
     for s in sorted(spots, key=lambda s: s.x):
         s.x = max(s.x, least)
@@ -228,7 +228,7 @@ def _move_apart(spots: Sequence[_Spot]) -> None:
 
 
 def _nodes_beside(case: SafetyCase, node: CaseNode) -> list[tuple[str, list[str]]]:
-    """The assumptions and contexts of a node, with their ids."""
+    """By kind: the ids of the assumptions and contexts of a node."""
     near = [case.node(i) for i in node.in_context_of]
     kinds = ("assumption", "context")
     ids_by_kind = [(kind, [n.id for n in near if n.kind == kind]) for kind in kinds]
@@ -288,7 +288,7 @@ def _arrow_svg(above: _Spot, below: _Spot) -> Iterator[str]:
 
 
 def _boxes_svg(root: _Spot, kind: str, ids: Sequence[str], at: int) -> Iterator[str]:
-    """Draws assumptions on the left, contexts on the right, each as one element."""
+    """Yields the SVG of assumptions (left) or contexts (right), all of them in one box."""
     side = -1 if at == 0 and kind == "assumption" else 1
     x, y = root.x + side * 1.05 * COLUMN, root.y + root.height / 2
     edge, end = root.x + side * BOX / 2, x - side * SIDE
@@ -304,13 +304,13 @@ def _boxes_svg(root: _Spot, kind: str, ids: Sequence[str], at: int) -> Iterator[
 
 
 def _legend_symbols(case: SafetyCase, node: CaseNode) -> tuple[str, ...]:
-    """The symbols of the notation that a node is drawn with: kind, status, a diamond."""
+    """The symbols with which a node is drawn: its kind, its status, perhaps a diamond."""
     undeveloped = node.kind == "goal" and not node.supported_by
     return node.kind, case.status(node), *(("diamond",) if undeveloped else ())
 
 
 def _legend_lines(drawn: Sequence[str]) -> list[str]:
-    """The drawn symbols of the notation, in lines that a phone shows whole."""
+    """The symbols that were drawn, in lines short enough for a phone."""
     shapes = {
         "goal": '<g class="goal"><path d="M0 0H26V14H0Z"/></g>',
         "strategy": '<g class="strategy"><path d="M4 0H30L26 14H0Z"/></g>',
@@ -359,7 +359,7 @@ def write_case(case: SafetyCase, path: str | os.PathLike[str]) -> Path:
 
 
 def case_body(case: SafetyCase) -> str:
-    """The main part of the page."""
+    """The HTML of the main part of the page."""
     text = [f"program SHA-256 {case.program_sha256}"]
     text += [f"{name} {case.provenance[name]}" for name in ON_EVERY_PAGE if name in case.provenance]
     open_goals = [g for g in case.goals if case.status(g) != SUPPORTED]
@@ -400,7 +400,7 @@ def _page_facts(case: SafetyCase) -> dict[str, str]:
 
 
 def _open_items(case: SafetyCase) -> list[tuple[str, int, dict[tuple[str, str], list[str]]]]:
-    """Open items by kind: kind, their number, and reason -> ids."""
+    """The open items by kind: the kind, their number, and the ids by reason."""
     listed = []
     for kind, title in KINDS.items():
         mine = [item for item in case.traceability.open if item.kind == kind]
@@ -415,7 +415,7 @@ def _open_items(case: SafetyCase) -> list[tuple[str, int, dict[tuple[str, str], 
 def _traced_items(
     case: SafetyCase,
 ) -> list[tuple[str, list[tuple[TracedItem, list[TracedProperty]]]]]:
-    """Hazards and requirements as given, and what stands behind each."""
+    """Hazards and requirements in the given order, each with the properties it traces to."""
     properties = {p.name: p for p in case.traceability.properties}
     sections = []
     for kind in ("hazard", "requirement"):
@@ -426,7 +426,7 @@ def _traced_items(
 
 
 def _open_conditions(case: SafetyCase, behind: Sequence[TracedProperty]) -> str:
-    """What a supported row still depends on, as text: assumptions of proofs, flights."""
+    """What a supported row still depends on, as text: open assumptions, missing flights."""
     count = sum(item.kind == "assumption" for item in case.traceability.open)
     parts = [f"with {count} assumption{'s' if count > 1 else ''} open"] if count else []
     if any(p.status == "not flown" for p in behind):
@@ -435,7 +435,7 @@ def _open_conditions(case: SafetyCase, behind: Sequence[TracedProperty]) -> str:
 
 
 def _evidence_rows(case: SafetyCase) -> list[tuple[list[CaseNode], list[CaseNode]]]:
-    """The table of evidence: each piece once, with everything that it supports."""
+    """The rows of the table of evidence: each piece once, with all goals that it supports."""
     nodes_by_evidence: dict[tuple[str, str, str, str, bool], list[CaseNode]] = {}
     for n in case.nodes:
         if n.kind == "solution":
@@ -447,5 +447,5 @@ def _evidence_rows(case: SafetyCase) -> list[tuple[list[CaseNode], list[CaseNode
 
 
 def _formula_html(text: str) -> str:
-    """A text as HTML in which no line breaks between a sign and what it belongs to."""
+    """A text as HTML in which no line breaks between a minus sign and its operand."""
     return re.sub(r"-\w", r'<span class="whole">\g<0></span>', escape(text))

@@ -30,7 +30,7 @@ is lost; a step that overruns, so that its publications come later; these public
 
 @dataclass(frozen=True)
 class Lane:
-    """An actor. `name`: its full dotted name. `module`: the RTA module it belongs to, if any."""
+    """An actor of the trace. `name`: its full dotted name. `module`: its RTA module, or None."""
 
     name: str
     role: Role
@@ -39,7 +39,7 @@ class Lane:
 
 @dataclass(frozen=True)
 class ModuleModes:
-    """A module's modes as `(number of the step that changed it, mode)`, from the start on."""
+    """A module's modes from the start on, each with the number of the step that set it."""
 
     module: str
     modes: tuple[tuple[int, Mode], ...]
@@ -47,7 +47,7 @@ class ModuleModes:
 
 @dataclass(frozen=True)
 class Pick:
-    """An alternative that was taken. `what`: the source's words for the choice."""
+    """An alternative that was chosen. `what`: the choice in the words of the source."""
 
     what: str
     value: str
@@ -56,7 +56,7 @@ class Pick:
 
 @dataclass(frozen=True)
 class Published:
-    """A topic got this value."""
+    """The fact that a topic got this value."""
 
     topic: str
     value: str
@@ -130,22 +130,22 @@ class SequenceView:
 
 
 def first_violation(view: SequenceView) -> SequenceStep | None:
-    """Return the first step that violates the property."""
+    """The first step that violates the property; None if no step does."""
     return next((step for step in view.steps if step.violates), None)
 
 
 def reaching_values(step: SequenceStep) -> tuple[Published, ...]:
-    """Return what a step published to others: nothing if its outputs were not enabled."""
+    """The values that a step published and others received; () if its outputs were disabled."""
     return () if step.gated or step.kind in ("lost", "overrun") else step.published
 
 
 def late_ns(step: SequenceStep) -> int:
-    """Return by how much a step is late in ns: its time after its release, else 0."""
+    """By how many ns a step is later than its release; 0 if it has none."""
     return 0 if step.release_ns is None else max(step.time_ns - step.release_ns, 0)
 
 
 def duration_text(time_ns: int) -> str:
-    """Write a time in its largest exact unit, so that different times look different: `1.5 ms`."""
+    """A time in its largest exact unit, so that different times look different: `1.5 ms`."""
     for unit, size in (("s", 10**9), ("ms", 10**6), ("µs", 10**3)):
         if abs(time_ns) >= size:
             return f"{_exact_decimal(time_ns, size)} {unit}"
@@ -176,7 +176,7 @@ SAID = {
 
 
 def clipped_to_width(text: str, width: int) -> str:
-    """Return a text of at most `width` columns; what is left out shows as an ellipsis."""
+    """A text of at most `width` columns; an ellipsis replaces the rest."""
     if display_width(text) <= width:
         return text
     kept, used = [], 0
@@ -189,23 +189,23 @@ def clipped_to_width(text: str, width: int) -> str:
 
 
 def published_text(value: Published) -> str:
-    """Write one publication: `command = 1`."""
+    """A published value as text: `command = 1`."""
     return f"{visible(value.topic)} = {visible(value.value)}"
 
 
 def pick_text(pick: Pick) -> str:
-    """Write one choice: `choose { -1, 0, 1 }: 1`."""
+    """A choice as text: `choose { -1, 0, 1 }: 1`."""
     return f"{visible(pick.what)}: {visible(pick.value)}"
 
 
 def late_text(step: SequenceStep) -> str:
-    """Write the lateness of a step: `5 ms late`; empty where it is in time."""
+    """The lateness of a step as text: `5 ms late`; "" if it is in time."""
     late = late_ns(step)
     return f"{duration_text(late)} late" if late else ""
 
 
 def deed_phrases(step: SequenceStep) -> list[str]:
-    """Return what a step does beside publishing, a phrase each."""
+    """What a step does apart from publishing, as phrases."""
     phrases = [_kind_text(step)]
     if step.switch is not None:
         change = f"{step.switch.before} {ARROW} {step.switch.after}"
@@ -220,7 +220,7 @@ def deed_phrases(step: SequenceStep) -> list[str]:
 
 
 def _kind_text(step: SequenceStep) -> str:
-    """The kind of a step; for one that overruns, also how long it took."""
+    """The kind of a step as text; with its duration if the step overruns."""
     if step.lasts_ns is None:
         return KINDS[step.kind]
     if step.lasts_ns == 0:
@@ -231,7 +231,7 @@ def _kind_text(step: SequenceStep) -> str:
 
 
 def explanation(view: SequenceView) -> str:
-    """Say in one sentence where the property fails; empty where it does not."""
+    """A sentence on where the property fails; "" if it does not fail."""
     step = first_violation(view)
     if step is None:
         return ""
@@ -277,7 +277,7 @@ def table_text(
 
 
 def table_rows(view: SequenceView, *, cell_max: int = CELL_MAX) -> list[list[Styled]]:
-    """Return the cells of each step under `HEADERS`, clipped to `cell_max` columns."""
+    """The cells of each step under `HEADERS`, each clipped to `cell_max` columns."""
     made: list[list[Styled]] = []
     time_ns: int | None = None
     for step in view.steps:

@@ -37,7 +37,7 @@ BLANK = ("", "-", "—")
 
 @dataclass(frozen=True)
 class Styled:
-    """A cell with a tone that colours it if colour is on."""
+    """A cell with a tone, which gives it a colour if colours are on."""
 
     text: str
     tone: Tone
@@ -69,7 +69,7 @@ def table(
     columns = [[row[index].text for row in cells] for index in range(len(headers))]
     right = [_is_numeric(column) for column in columns]
     widths = _column_widths(headers, columns, right, width)
-    rule = _paint("  ".join("─" * width for width in widths), "muted", color=color)
+    rule = _coloured_text("  ".join("─" * width for width in widths), "muted", color=color)
     above, *below = (
         [_table_line(line, widths, right, color=color) for line in _row_lines(row, widths)]
         for row in (head, *cells)
@@ -80,7 +80,7 @@ def table(
 def _column_widths(
     headers: Sequence[str], columns: list[list[str]], right: list[bool], most: int | None
 ) -> list[int]:
-    """Return the width of every column: the widest give way until all fit, or nothing can."""
+    """The width of every column: the widest shrink until all fit or none can shrink."""
     every = [[header, *column] for header, column in zip(headers, columns, strict=True)]
     widths = [max(display_width(text) for text in texts) for texts in every]
     if most is None:
@@ -101,12 +101,12 @@ def _column_widths(
 
 
 def _breakable_words(text: str) -> list[str]:
-    """Return the words between which a text can be broken."""
+    """The words between which a text can be broken."""
     return [word for word in text.split(" ") if word]
 
 
 def _row_lines(row: Sequence[Styled], widths: Sequence[int]) -> list[list[Styled]]:
-    """Return the lines of a row."""
+    """The lines of a row, each with a cell for every column."""
     parts = [_wrapped_lines(cell.text, width) for cell, width in zip(row, widths, strict=True)]
     return [
         [
@@ -118,7 +118,7 @@ def _row_lines(row: Sequence[Styled], widths: Sequence[int]) -> list[list[Styled
 
 
 def _wrapped_lines(text: str, width: int) -> list[str]:
-    """Return the lines of a text, none wider than `width` but for a word that is."""
+    """The lines of a text, none wider than `width` except for a single word."""
     if display_width(text) <= width:
         return [text]
     lines = [""]
@@ -132,7 +132,7 @@ def _wrapped_lines(text: str, width: int) -> list[str]:
 
 
 def display_width(text: str) -> int:
-    """Return how many columns of a terminal a text takes."""
+    """How many columns of a terminal a text takes."""
     return sum(
         0 if unicodedata.combining(char) else 2 if unicodedata.east_asian_width(char) in "WF" else 1
         for char in text
@@ -166,7 +166,7 @@ def mode_timeline(
 def _control_by_column(
     time_s: NDArray[np.float64], in_control: NDArray[np.bool_], width: int
 ) -> NDArray[np.bool_]:
-    """Return who holds each column: (width,) bool, true for AC."""
+    """Who has control in each column: (width,) bool, true for AC."""
     start, duration = float(time_s[0]), float(time_s[-1] - time_s[0])
     if duration <= 0:
         return np.full(width, bool(in_control[0]))
@@ -186,7 +186,7 @@ def _control_by_column(
 
 
 def _mode_columns(is_ac: bool, length: int, *, ascii_only: bool) -> str:
-    """Return the columns of one stretch."""
+    """The text for the columns of one stretch."""
     name = "AC" if is_ac else "SC"
     if is_ac:
         fill = "=" if ascii_only else "█"
@@ -199,7 +199,7 @@ def _mode_columns(is_ac: bool, length: int, *, ascii_only: bool) -> str:
 
 
 def _styled_entry(entry: Entry) -> Styled:
-    """Turn an entry into text."""
+    """The entry as text with a tone."""
     if isinstance(entry, Styled):
         return entry
     if isinstance(entry, bool):
@@ -208,7 +208,7 @@ def _styled_entry(entry: Entry) -> Styled:
 
 
 def _is_numeric(column: Sequence[str]) -> bool:
-    """Tell whether a column holds numbers only, and at least one."""
+    """Whether a column has only numbers, and at least one."""
     filled = [text for text in column if text.strip() not in BLANK]
     return bool(filled) and all(NUMBER.match(text.strip()) for text in filled)
 
@@ -216,24 +216,24 @@ def _is_numeric(column: Sequence[str]) -> bool:
 def _table_line(
     row: Sequence[Styled], widths: Sequence[int], right: Sequence[bool], *, color: bool
 ) -> str:
-    """Return one line of a table, without blanks at its end."""
+    """One line of a table, without blanks at its end."""
     parts = []
     for cell, width, flush_right in zip(row, widths, right, strict=True):
         blank = " " * (width - display_width(cell.text))
-        text = _paint(cell.text, cell.tone, color=color)
+        text = _coloured_text(cell.text, cell.tone, color=color)
         parts.append(blank + text if flush_right else text + blank)
     return "  ".join(parts).rstrip()
 
 
-def _paint(text: str, tone: Tone, *, color: bool) -> str:
-    """Colour a text where colour is on; plain text keeps the terminal's own colour."""
+def _coloured_text(text: str, tone: Tone, *, color: bool) -> str:
+    """The text in the colour of its tone if colours are on; else unchanged."""
     return f"\x1b[{ANSI[tone]}m{text}\x1b[0m" if color and text and tone in ANSI else text
 
 
 def notebook_table(
     head: str, headers: Sequence[str], rows: Iterable[Sequence[object]], notes: Sequence[str] = ()
 ) -> str:
-    """Return HTML: `head` in bold, a table with as many entries a row as `headers`, notes."""
+    """HTML with `head` in bold, a table with a cell for each of `headers` in a row, and notes."""
     titles = "".join(f"<th>{escape(h)}</th>" for h in headers)
     lines = "".join(
         "<tr>" + "".join(f"<td>{escape(str(cell))}</td>" for cell in row) + "</tr>" for row in rows
@@ -245,7 +245,7 @@ def notebook_table(
 
 
 def framed_document(document: str, height_px: int = 720) -> str:
-    """Return an HTML document in a frame: its scripts reach neither notebook nor network."""
+    """An HTML document in a frame, from which scripts reach neither notebook nor network."""
     return (
         f'<iframe srcdoc="{escape(document, quote=True)}" sandbox="allow-scripts" title="report" '
         f'loading="lazy" style="width:100%;height:{height_px}px;border:1px solid #8888"></iframe>'

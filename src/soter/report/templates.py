@@ -35,7 +35,7 @@ ESCAPED = (PAGE, ".xml.j2")
 
 
 def filled(template: str, /, **context: object) -> str:
-    """The filled-in text of a template, which is named by its path below `soter`."""
+    """The text of a template with values filled in; its name is its path below `soter`."""
     return _environment().get_template(template).render(context)
 
 
@@ -80,7 +80,7 @@ class PageSection:
 
 
 def sections_main(title: str, headline: str, verdict: str, sections: Sequence[PageSection]) -> str:
-    """The body of the page; `verdict`: "good", "bad" or "", how the headline is coloured."""
+    """The body of the page; `verdict`: "good", "bad" or "" sets the colour of the headline."""
     return filled(
         "report/plain_page.html.j2",
         title=title,
@@ -98,7 +98,7 @@ EXACT_MAX = 2**53
 
 
 def script_json(value: object) -> str:
-    """Return JSON of which no text can end the script element that it stands in; no NaN."""
+    """JSON that no text in it can use to end its script element; ValueError for NaN."""
     text = json.dumps(value, allow_nan=False, separators=(",", ":"))
     for char in "<>&\u2028\u2029":
         text = text.replace(char, f"\\u{ord(char):04x}")
@@ -106,7 +106,7 @@ def script_json(value: object) -> str:
 
 
 def rounded_numbers(values: NDArray[np.float64], digits: int = 3) -> list[float | None]:
-    """Return (N,) values for JSON, rounded; what is not finite becomes null, a gap in a line."""
+    """Values (N,) for JSON, rounded; non-finite ones become null, a gap in a line."""
     import numpy as np  # noqa: PLC0415 - sections of text need no figures
 
     rounded = np.round(values.astype(np.float64), digits) + 0.0
@@ -114,7 +114,7 @@ def rounded_numbers(values: NDArray[np.float64], digits: int = 3) -> list[float 
 
 
 def packed_numbers(value: object) -> object:
-    """A list of more than `LONG` numbers and gaps (None), packed; everything else as it is.
+    """A list of more than `LONG` numbers and gaps (None), packed; other values unchanged.
 
     A list in which a number has more than 12 digits behind the point, or is no number, stays.
     """
@@ -140,6 +140,6 @@ def packed_numbers(value: object) -> object:
 
 
 def _decimal_digits(value: float) -> int:
-    """Digits behind the point of the shortest decimal that is this double."""
+    """The number of digits behind the point in the shortest decimal for this double."""
     mantissa, _, exponent = repr(float(value)).partition("e")
     return max(len(mantissa.partition(".")[2].rstrip("0")) - int(exponent or 0), 0)

@@ -110,7 +110,7 @@ def _step_message(step: SequenceStep) -> Message:
 
 
 def _topic_channels(view: SequenceView) -> Iterator[LogChannel]:
-    """Return a channel for each topic that is named or got a value, in that order."""
+    """Yields a channel for each topic that is named or got a value, in that order."""
     values: dict[str, list[tuple[SequenceStep, str]]] = {name: [] for name in view.topics}
     for step in view.steps:
         for published in reaching_values(step):
@@ -125,7 +125,7 @@ def _topic_channels(view: SequenceView) -> Iterator[LogChannel]:
 
 
 def _typed_values(texts: list[str]) -> tuple[JsonSchema, list[bool] | list[float] | list[str]]:
-    """Read the texts of a topic as truth values, else as numbers, else as texts."""
+    """The texts of a topic as truth values if all are, else as numbers, else as texts."""
     if texts and all(text in TRUTH for text in texts):
         return BOOLEAN, [TRUTH[text] for text in texts]
     if texts and all(NUMERIC.fullmatch(text) for text in texts):
@@ -136,7 +136,7 @@ def _typed_values(texts: list[str]) -> tuple[JsonSchema, list[bool] | list[float
 
 
 def _mode_changes(view: SequenceView) -> list[ModeRecord]:
-    """Return the changes of all modules in order of time."""
+    """The changes of mode of all modules, in order of time."""
     times_ns = {step.number: step.time_ns for step in view.steps}
     changes = [
         (number, ModeRecord(times_ns.get(number, 0), each.module, mode))
@@ -147,7 +147,7 @@ def _mode_changes(view: SequenceView) -> list[ModeRecord]:
 
 
 def _dm_steps(view: SequenceView) -> Iterator[DecisionStep]:
-    """Return every step of a DM that was made, with the modes before and after it."""
+    """Yields every step of a DM that was made, with the modes before and after it."""
     modules = {lane.name: lane.module for lane in view.lanes if lane.role == "dm"}
     for step in view.steps:
         module = modules.get(step.lane)
@@ -161,7 +161,7 @@ def _dm_steps(view: SequenceView) -> Iterator[DecisionStep]:
 def modes_around(
     view: SequenceView, module: str, step: SequenceStep
 ) -> tuple[Mode | None, Mode | None]:
-    """Return the modes of a module before and after a step; None where the view does not say."""
+    """The modes of a module before and after a step; None if the view does not tell."""
     if step.switch is not None and step.switch.module == module:
         return step.switch.before, step.switch.after
     modes = next((each.modes for each in view.modes if each.module == module), ())

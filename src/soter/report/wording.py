@@ -27,36 +27,36 @@ SUBSCRIPTS = re.compile(r"(φ|ttf)_(safer|safe|2Δ|\{2Δ\})")
 
 
 def prose(text: str) -> str:
-    """Escape a text for HTML; set code, and the paper's symbols with their subscripts."""
+    """A text as HTML, with its code marked and the paper's symbols with subscripts."""
     set_off = CODE.sub(r"<code>\1</code>", escape(text))
     return SUBSCRIPTS.sub(lambda match: f"{match[1]}<sub>{match[2].strip('{}')}</sub>", set_off)
 
 
 def quantity(name: str, unit: str) -> str:
-    """The title of an axis or a panel: `x / m`, `speed / (m/s)`; without a unit the name."""
+    """The title of an axis or a panel: `x / m`, `speed / (m/s)`; the name alone without a unit."""
     if not unit:
         return name
     return f"{name} / ({unit})" if "/" in unit else f"{name} / {unit}"
 
 
 def count_text(count: int, noun: str) -> str:
-    """Write a count with its noun: `no violation`, `1 violation`, `3 violations`."""
+    """A count with its noun: `no violation`, `1 violation`, `3 violations`."""
     return f"{count or 'no'} {noun}{'s' if count > 1 else ''}"
 
 
 def visible(text: str) -> str:
-    r"""Returns a text on one line in which every character is visible: `\x1b` for an escape."""
-    return "".join(char if char.isprintable() else _escaped(char) for char in text)
+    r"""The text on one line with escapes such as `\x1b` for characters that cannot be seen."""
+    return "".join(char if char.isprintable() else _escaped_character(char) for char in text)
 
 
-def _escaped(char: str) -> str:
+def _escaped_character(char: str) -> str:
     return char.encode("unicode_escape").decode("ascii")
 
 
 def changed_parameters(system: System) -> dict[str, tuple[str, str]]:
-    """Parameter that is not at its default -> its value and its default, as text.
+    """By parameter that is not at its default: its value and its default, as text.
 
-    For one of an instance (`r[0].GAIN`) the default is the value that it would have around it.
+    The default of an instance's parameter (`r[0].GAIN`) is its value outside of the instance.
     """
     basic = Evaluator({})
     changes = {}
@@ -72,7 +72,7 @@ def changed_parameters(system: System) -> dict[str, tuple[str, str]]:
 
 
 def parameter_text(t: Type, value: Value) -> str:
-    """A parameter's value as a program writes it."""
+    """A parameter's value as it is written in a program."""
     if isinstance(t, DurationType):
         return show_ns(value)
     if isinstance(t, BoolType):
@@ -81,7 +81,7 @@ def parameter_text(t: Type, value: Value) -> str:
 
 
 def parameters_json(system: System) -> dict[str, object]:
-    """Every parameter as JSON; durations in s."""
+    """All parameters as JSON, with durations in s."""
     value_by_name = {}
     for name, value in system.params.items():
         param = system.program.param(name)

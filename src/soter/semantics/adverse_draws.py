@@ -1,4 +1,4 @@
-"""Draws of an adversary: floats at their bounds, in a pattern that the seed selects.
+"""Draws of an adversary: floats at the ends of their bounds, in a pattern by the seed.
 
 Purpose: the twin of `native/c/soter_adversary.h`, so that the reference interpreter can repeat a
 run that was found natively, draw by draw.
@@ -41,7 +41,7 @@ def _mix_uniform(key: int, index: int, low: float, high: float) -> float:
 
 
 def adverse_float(seed: int, stream: str, index: int, low: float, high: float) -> float:
-    """What `soter_draw` of `native/c/soter_adversary.h` gives."""
+    """Gives the same float of [low, high] as `soter_draw` of `native/c/soter_adversary.h`."""
     seed_key = splitmix64((seed + GOLDEN) & MASK)
     key = splitmix64(seed_key ^ fnv1a_64(stream))
     side = key >> 63
@@ -66,16 +66,16 @@ class AdverseDraws:
     seed: int
 
     def uniform(self, stream: str, index: int, low: float, high: float) -> float:
-        """A float of [low, high]."""
+        """Gives a float of [low, high], in the pattern of the seed."""
         return adverse_float(self.seed, stream, index, low, high)
 
-    def leaf(self, t: Type, bound: Bound | None, stream: str, index: int) -> Value:
-        """A value of a scalar type."""
+    def leaf_value(self, t: Type, bound: Bound | None, stream: str, index: int) -> Value:
+        """Gives a value of a scalar type: a float by `uniform`, others by chance."""
         if isinstance(t, FloatType):
             assert bound is not None, f"{stream} is not bounded"
             return self.uniform(stream, index, bound.low, bound.high)
-        return SeededDraws(self.seed).leaf(t, bound, stream, index)
+        return SeededDraws(self.seed).leaf_value(t, bound, stream, index)
 
     def choice(self, stream: str, index: int, count: int) -> int:
-        """An alternative, by chance."""
+        """Gives the number of one of `count` alternatives, by chance."""
         return SeededDraws(self.seed).choice(stream, index, count)

@@ -1,4 +1,4 @@
-"""Draws that a driver decides itself: whatever a step leaves open is asked of it.
+"""Draws that a driver decides itself: it is asked for each choice that a step leaves open.
 
 Purpose: `AnsweredDraws` asks for the number of an alternative (docs/testing.md, Choices).
 Non-goals: which alternatives are worth trying (`explore/`).
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 Answer = Callable[[str, int], int]
 """(stream, count) -> pick, 0 <= pick < count; called in the order in which steps ask."""
 MANY = 2**32 - 1
-"""The most alternatives of a question; those beyond are not reached."""
+"""The most alternatives of a question; later ones are never picked."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class ChoiceQuestion:
 
 
 class AnsweredDraws:
-    """Choices by `answer`: a function, or per stream the picks to come (then 0, the default).
+    """Draws by `answer`: a function, or by stream the picks to come, after which it is 0.
 
     A question with one alternative is not asked. Disturbances that hold, and what extern plants
     draw, are drawn by chance under `seed`. `questions` has what was asked, in order; empty it
@@ -50,35 +50,35 @@ class AnsweredDraws:
         self._by_chance = frozenset(_streams_of_chance(system))
 
     def uniform(self, stream: str, index: int, low: float, high: float) -> float:
-        """The middle (0 where that is inside), low or high."""
+        """Gives 0, or the middle if 0 is outside; low; or high, as the answer says."""
         if stream in self._by_chance:
             return self._chance.uniform(stream, index, low, high)
         middle = 0.0 if low <= 0.0 <= high else low + (high - low) / 2.0
         values = (middle, low, high)
-        value: float = self._ask(stream, 3 if low < high else 1, lambda pick: values[pick])
+        value: float = self._value_asked(stream, 3 if low < high else 1, lambda pick: values[pick])
         return value
 
-    def leaf(self, t: Type, bound: Bound | None, stream: str, index: int) -> Value:
-        """A float as `uniform` has it; any bool, any enum member, any int of the bound."""
+    def leaf_value(self, t: Type, bound: Bound | None, stream: str, index: int) -> Value:
+        """Gives a float as `uniform` does; any bool, any enum member, or any int of the bound."""
         if isinstance(t, FloatType):
             assert bound is not None, f"{stream} is not bounded"
             return self.uniform(stream, index, bound.low, bound.high)
         if isinstance(t, BoolType):
-            return self._ask(stream, 2, bool)
+            return self._value_asked(stream, 2, bool)
         if isinstance(t, EnumType):
-            return self._ask(stream, len(t.members), int)
+            return self._value_asked(stream, len(t.members), int)
         assert isinstance(t, IntType), t
         low, high = (t.low, t.high) if bound is None else (int(bound.low), int(bound.high))
-        return self._ask(stream, min(high - low + 1, MANY), lambda pick: low + pick)
+        return self._value_asked(stream, min(high - low + 1, MANY), lambda pick: low + pick)
 
     def choice(self, stream: str, index: int, count: int) -> int:
-        """The number of one of `count` alternatives."""
+        """Gives the number of the alternative that the answer picks."""
         if stream in self._by_chance:
             return self._chance.choice(stream, index, count)
-        pick: int = self._ask(stream, count, int)
+        pick: int = self._value_asked(stream, count, int)
         return pick
 
-    def _ask(self, stream: str, count: int, value: Callable[[int], Value]) -> Value:
+    def _value_asked(self, stream: str, count: int, value: Callable[[int], Value]) -> Value:
         if count == 1:
             return value(0)
         pick = self.answer(stream, count)
@@ -89,13 +89,13 @@ class AnsweredDraws:
 
 
 def queued_answers(picks: Mapping[str, Iterable[int]]) -> Answer:
-    """Answers from one queue of picks a stream; the default where it has run out."""
+    """Gives an `Answer` from a queue of picks for each stream; 0 once a queue is empty."""
     left = {stream: iter(queue) for stream, queue in picks.items()}
     return lambda stream, _: next(left.get(stream, iter(())), 0)
 
 
 def _streams_of_chance(system: System) -> Iterable[str]:
-    """The streams that chance answers, not the driver."""
+    """Gives the streams whose draws are made by chance, and not asked of the driver."""
     for component in system.components:
         for d in component.disturbances:
             if d.hold_ns > 0 or component.extern:

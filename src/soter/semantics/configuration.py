@@ -2,7 +2,7 @@
 
 Purpose: the whole state of a system is one immutable value: a rule makes a new one, so that a
 search keeps the old one. OE of every controller follows from the mode of its module (dm1 and dm2
-of the paper's DM-Step). Observers get what each transition reports: no rule reads any of this.
+of the paper's DM-Step). Observers get a report of each transition, which no rule reads.
 Non-goals: deciding a mode (`rules.py`), latches (`latches.py`), sums over a run (`run_record.py`),
 the bytes of a state (`core/layout.py`), the hidden state of externs, which lives with them.
 """
@@ -47,17 +47,17 @@ class Configuration:
     stamps: tuple[int, ...]
     """Per topic: `ct` of its last publication, NEVER before the first."""
     latched: tuple[bool, ...]
-    """Per component: trusted and faulted once; it only repeats its fail-safe values."""
+    """Per component: whether it is trusted and has faulted: it only repeats fail-safe values."""
     had_control: tuple[bool, ...]
-    """Per component: OE at its last completed step (for `on takeover`)."""
+    """Per component: OE at its last complete step, which `on takeover` needs."""
     gate_fault: tuple[bool, ...]
-    """Per module: the AC faulted while in control, and the DM has not seen it yet."""
+    """Per module: whether AC faulted in control, and the DM has not seen that yet."""
     clean_needed: tuple[int, ...]
-    """Per module: complete outputs the AC still owes before it may have control."""
+    """Per module: how many clean steps AC must still make before it may have control."""
 
 
 def with_value(values: tuple[Value, ...], index: int, value: Value) -> tuple[Value, ...]:
-    """Gives `values` with `value` at `index`."""
+    """Gives a copy of `values` that has `value` at `index`."""
     return (*values[:index], value, *values[index + 1 :])
 
 
@@ -67,7 +67,7 @@ SC, AC = 0, 1
 
 @dataclass(frozen=True, slots=True)
 class DecisionVerdict:
-    """What a DM step saw and decided; `gate_fault` as it was before the step cleared it."""
+    """What a step of a DM read and decided; `gate_fault` as it was before the step."""
 
     module: int
     ttf: bool
@@ -82,7 +82,7 @@ class DecisionVerdict:
 
 @dataclass(frozen=True, slots=True)
 class StepOutcome:
-    """What a plant's or node's step did.
+    """The report of a step of a plant or node.
 
     `published` holds what reached the topics, by topic index. `module` is set for a gate fault:
     the module whose AC it was. `latched` says that this step latched the component. `bursts`
@@ -99,13 +99,13 @@ class StepOutcome:
     bursts: Mapping[int, tuple[Value, ...]] = field(default_factory=dict)
 
     @property
-    def broken(self) -> tuple[int, ...]:
-        """The contracts that this step violated, as property indices."""
+    def violated(self) -> tuple[int, ...]:
+        """Gives the contracts that this step violated, as property indices."""
         return tuple([i for i, violated in self.contract_violations.items() if violated])
 
 
 def enabled_outputs(oe: Sequence[bool], module: Module, mode: int) -> tuple[bool, ...]:
-    """Gives OE, which outputs are enabled, after a module's mode was decided."""
+    """Gives OE, whose outputs are enabled, once a module has this mode."""
     flags = list(oe)
     flags[module.sc] = mode == SC
     flags[module.ac] = mode == AC
@@ -113,7 +113,7 @@ def enabled_outputs(oe: Sequence[bool], module: Module, mode: int) -> tuple[bool
 
 
 def enabled_at_first(system: System, modes: Sequence[int]) -> tuple[bool, ...]:
-    """Gives OE at the start; a component that is no controller has its outputs enabled."""
+    """Gives OE at the start, in these modes; outputs of all but controllers are enabled."""
     oe: tuple[bool, ...] = (True,) * len(system.components)
     for module, mode in zip(system.modules, modes, strict=True):
         oe = enabled_outputs(oe, module, mode)

@@ -36,7 +36,7 @@ GOLDEN = 0x9E3779B97F4A7C15
 
 
 def splitmix64(z: int) -> int:
-    """Gives the finaliser of SplitMix64 on an unsigned 64-bit number."""
+    """Gives the unsigned 64-bit number that the finaliser of SplitMix64 makes of `z`."""
     z = ((z ^ (z >> 30)) * 0xBF58476D1CE4E5B9) & MASK
     z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & MASK
     return z ^ (z >> 31)
@@ -52,17 +52,17 @@ def fnv1a_64(text: str) -> int:
 
 @lru_cache(maxsize=4096)
 def stream_key(seed: int, stream: str) -> int:
-    """Gives the key of one stream under one seed."""
+    """Gives the key from which a stream's draws under one seed follow."""
     return splitmix64(splitmix64((seed + GOLDEN) & MASK) ^ fnv1a_64(stream))
 
 
 def draw_bits(seed: int, stream: str, index: int) -> int:
-    """Gives 64 random bits."""
+    """Gives the 64 random bits of a stream at an index."""
     return bits_at(stream_key(seed, stream), index)
 
 
 def bits_at(key: int, index: int) -> int:
-    """64 random bits of the stream with this key."""
+    """Gives the 64 random bits at an index of the stream with this key."""
     return splitmix64((key + (index + 1) * GOLDEN) & MASK)
 
 
@@ -72,44 +72,44 @@ def draw_float(seed: int, stream: str, index: int, low: float, high: float) -> f
 
 
 def float_of_bits(bits: int, low: float, high: float) -> float:
-    """The float of [low, high] that random bits say: their first 53, as a double has."""
+    """Gives the float of [low, high] that the first 53 of 64 random bits select."""
     u = float(bits >> 11) * 2.0**-53
     return min(low + (high - low) * u, high)
 
 
 class Draws(Protocol):
-    """The environment's free choices, made by chance unless said otherwise (`SeededDraws`)."""
+    """The free choices of the environment; `SeededDraws` makes them by chance."""
 
     def uniform(self, stream: str, index: int, low: float, high: float) -> float:
         """Gives a float of [low, high]."""
 
-    def leaf(self, t: Type, bound: Bound | None, stream: str, index: int) -> Value:
+    def leaf_value(self, t: Type, bound: Bound | None, stream: str, index: int) -> Value:
         """Gives a value of a scalar type within its bound."""
 
     def choice(self, stream: str, index: int, count: int) -> int:
-        """Gives the number of one of `count` alternatives, count >= 1."""
+        """Gives the number, from 0, of one of `count` alternatives, count >= 1."""
 
 
 CHOICES_A_STEP = 4096
-"""Indices of the stream of a component's choices that belong to one release."""
+"""How many indices of a component's stream of choices belong to one release."""
 
 
 @dataclass(frozen=True)
 class SeededDraws:
-    """The draws of docs/semantics.md."""
+    """Draws by chance under a seed, as docs/semantics.md defines them."""
 
     seed: int
 
     def uniform(self, stream: str, index: int, low: float, high: float) -> float:
-        """Gives a uniform float."""
+        """Gives a uniform float of [low, high]."""
         return draw_float(self.seed, stream, index, low, high)
 
-    def leaf(self, t: Type, bound: Bound | None, stream: str, index: int) -> Value:
-        """Gives a uniform value."""
+    def leaf_value(self, t: Type, bound: Bound | None, stream: str, index: int) -> Value:
+        """Gives a uniform value of a scalar type within its bound."""
         return _draw_leaf(t, bound, self.seed, stream, index)
 
     def choice(self, stream: str, index: int, count: int) -> int:
-        """Gives a uniform choice."""
+        """Gives one of `count` alternatives, uniformly."""
         return draw_bits(self.seed, stream, index) % count
 
 
@@ -128,7 +128,7 @@ def chosen_value(
     `bounds` in the order of `leaves(t)`; a list has no fixed leaves and cannot be drawn.
     """
     drawn = (
-        draws.leaf(leaf, bound, stream_of_leaf(base, path), index)
+        draws.leaf_value(leaf, bound, stream_of_leaf(base, path), index)
         for (path, leaf), bound in zip(leaves(t), bounds, strict=True)
     )
     return value_of_leaves(t, drawn)

@@ -1,4 +1,4 @@
-"""A system made ready to run: every piece of its code, that of plants too, compiled once.
+"""A system that is ready to run: every piece of its code is compiled once.
 
 Purpose: `ExecutableSystem` has the tables of the rules: per component its code, per plant its
 equations and what it drives, per topic its check, and the environment in which code sees a
@@ -14,13 +14,14 @@ import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.language.evaluate.arithmetic import FaultKind, StepFault, mapper, with_stored_nan, zipper
+from soter.language.evaluate import arithmetic
+from soter.language.evaluate.arithmetic import FaultKind, StepFault, with_stored_nan
 from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.predicates import PredicateEvaluator
 from soter.language.evaluate.statements import Evaluator
-from soter.language.model.read_together import apart_at_most, permits_together
-from soter.language.model.system import queues_of
-from soter.language.model.tree_walk import chosen_lets, first_lets
+from soter.language.model.read_together import allowed_stamp_differences, permits_on_close_reads
+from soter.language.model.system import queues_read_by
+from soter.language.model.tree_walk import lets_run_first, lets_that_choose
 from soter.language.model.types import ArrayType, FloatType, ListType, RecordType, leaves, positions
 from soter.semantics.configuration import AC
 from soter.semantics.draws import SeededDraws
@@ -48,8 +49,8 @@ def function_to_stored(types: Iterable[Type]) -> Store:
     """Gives a function that replaces each NaN in a tuple by the NaN that is stored."""
     parts = [_function_to_stored(t) for t in types]
     if not any(parts):
-        return _unchanged
-    complete = [part or _unchanged for part in parts]
+        return _same_value
+    complete = [part or _same_value for part in parts]
     return lambda values: tuple([f(v) for f, v in zip(complete, values, strict=True)])
 
 
@@ -65,13 +66,13 @@ def _function_to_stored(t: Type) -> Store | None:
     return None
 
 
-def _unchanged(value: Value) -> Value:
+def _same_value(value: Value) -> Value:
     return value
 
 
 @dataclass(frozen=True, slots=True)
 class Arithmetic:
-    """Componentwise work on one `der` state: `x + y` and `factor * x`."""
+    """The sum `x + y` and the product `factor * x` for values of one `der` state."""
 
     add: Callable[[Value, Value], Value]
     scale: Callable[[float, Value], Value]
@@ -79,7 +80,7 @@ class Arithmetic:
 
 @dataclass(frozen=True, slots=True)
 class ErrorStream:
-    """A measurement error: position of its leaf in the topic's value, and its stream."""
+    """A measurement error: the path to its leaf in the topic's value, its bound, its stream."""
 
     topic: int
     path: tuple[int, ...]
@@ -113,26 +114,26 @@ class PlantCode:
 def compile_plant(
     component: Component, evaluator: Evaluator, topics: Sequence[Topic], move: Move | None
 ) -> PlantCode:
-    """Compiles a plant instance. `der` and `next` keep the order of the program."""
+    """Gives the code of a plant instance; `der` and `next` keep the program's order."""
     plant = component.plant
     assert plant is not None, component.name
 
-    def named(pairs: Sequence[tuple[Variable, TypedExpr]]) -> Named:
-        return tuple([(variable, evaluator.expression(e)) for variable, e in pairs])
+    def with_closures(pairs: Sequence[tuple[Variable, TypedExpr]]) -> Named:
+        return tuple([(variable, evaluator.compiled(e)) for variable, e in pairs])
 
     scope = component.scope.topics
     return PlantCode(
         component=component,
         states=plant.states,
         store=function_to_stored(v.type for v in plant.states),
-        first=named(first_lets(plant)),
-        chosen=frozenset(chosen_lets(plant)),
-        lets=named(plant.lets),
-        der=named(tuple(plant.der.items())),
-        next=named(tuple(plant.next.items())),
+        first=with_closures(lets_run_first(plant)),
+        chosen=frozenset(lets_that_choose(plant)),
+        lets=with_closures(plant.lets),
+        der=with_closures(tuple(plant.der.items())),
+        next=with_closures(tuple(plant.next.items())),
         arithmetic=tuple([_arithmetic_of(v.type) for v in plant.der]),
         method=plant.method,
-        drives=tuple([(scope[t], evaluator.expression(e)) for t, e in plant.drives]),
+        drives=tuple([(scope[t], evaluator.compiled(e)) for t, e in plant.drives]),
         readings=tuple(
             [
                 ErrorStream(m.topic, _leaf_at(topics[m.topic].type, m.leaf), m.bound, m.stream)
@@ -144,7 +145,7 @@ def compile_plant(
 
 
 def _arithmetic_of(t: Type) -> Arithmetic:
-    zipped, each = zipper(t), mapper(t)
+    zipped, each = arithmetic.function_on_pairs(t), arithmetic.function_on_components(t)
     return Arithmetic(
         add=lambda x, y: zipped(operator.add, x, y),
         scale=lambda factor, x: each(lambda component: factor * component, x),
@@ -157,7 +158,7 @@ def _leaf_at(t: Type, leaf: int) -> tuple[int, ...]:
 
 
 STACK_DEPTH = 10_000
-"""Python frames a step may need: functions that call functions nest closures in closures."""
+"""Python frames that a step may need, as calls of functions nest closures."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,7 +180,7 @@ class NodeCode:
 
 @dataclass(frozen=True, slots=True)
 class DmCode:
-    """The predicates of a decision module; None where the program leaves them to `verify`."""
+    """The code of a DM's predicates; None where the program leaves them to `soter verify`."""
 
     module: Module
     ttf: Compiled | None
@@ -194,24 +195,23 @@ class DmCode:
     ) -> tuple[bool, bool, int | None, bool]:
         """Gives `ttf`, `safer`, a plan that is good (or None), and whether a NaN was compared.
 
-        Of several plans the last one is asked first. A check that faults says only that its plan is
-        not good.
+        Of several plans the last one is asked first. A plan whose check faults is not good.
         """
         if self.module.plan is None or not self.goods:
-            ttf, nan_in_ttf = _truth(self.ttf, env, unknown=True)
-            safer, nan_in_safer = _truth(self.safer, env, unknown=False)
+            ttf, nan_in_ttf = _truth_of(self.ttf, env, unknown=True)
+            safer, nan_in_safer = _truth_of(self.safer, env, unknown=False)
             return ttf, safer, None, nan_in_ttf or nan_in_safer
         last, nan = topics[self.module.plan], False
         for plan in sorted(range(len(self.goods)), key=lambda k: k != last):
-            good, compared = _truth(self.goods[plan], env, unknown=False)
+            good, compared = _truth_of(self.goods[plan], env, unknown=False)
             nan = nan or compared
             if good:
                 return False, True, plan, nan
         return True, False, None, nan
 
 
-def _truth(predicate: Compiled | None, env: Environment, *, unknown: bool) -> tuple[bool, bool]:
-    """Gives a predicate's truth, `unknown` if it is missing or faults; and if a NaN was met."""
+def _truth_of(predicate: Compiled | None, env: Environment, *, unknown: bool) -> tuple[bool, bool]:
+    """Gives a predicate's truth (`unknown`: it is missing or faults), and if it met a NaN."""
     if predicate is None:
         return unknown, False
     try:
@@ -263,10 +263,10 @@ class ExecutableSystem:
         self._require_bound([c.name for c in system.components if c.extern])
         for component in system.components:
             self._compile_component(component)
-        self.timing = group_by_component(system, of_time=True)
-        """Component -> what happens to its releases."""
-        self.faults = group_by_component(system, of_time=False)
-        """Component -> what happens to its publications and disturbances."""
+        self.timing = group_by_component(system, changes_releases=True)
+        """Component -> its faults that change releases."""
+        self.faults = group_by_component(system, changes_releases=False)
+        """Component -> its faults that change publications or disturbances."""
         self.properties = tuple([self._compile_property(p) for p in system.properties])
         self.contracts: dict[int, list[tuple[str, int]]] = {}
         """Component -> its contracts: kind and property index."""
@@ -276,7 +276,7 @@ class ExecutableSystem:
         self._require_bound([f.name for e in self._evaluators for f in e.unbound])
 
     def environment(self, c: Configuration, component: Component | None = None) -> Environment:
-        """Gives what code reads of a configuration; of a component, also its period and control."""
+        """Gives the environment by which code, of a component or none, reads a configuration."""
         return Environment(
             topics=c.Topics,
             stamps=[c.stamps[i] for i in self._aged] if self._aged else c.stamps,
@@ -289,7 +289,7 @@ class ExecutableSystem:
         )
 
     def _margin_ns(self, c: Configuration, index: int) -> int:
-        """Gives for how many ns AC surely keeps control, by what its DM read last; 0 in SC."""
+        """Gives for how many ns AC surely keeps control, after its DM's last step; 0 in SC."""
         module = self.system.modules[index]
         assert module.looked is not None, module.name
         if c.L[module.dm] != AC:
@@ -312,7 +312,7 @@ class ExecutableSystem:
             raise UnboundExternError(sorted(set(missing)))
 
     def _evaluator_for(self, scope: Scope) -> Evaluator:
-        evaluator = Evaluator.of(scope, self._functions)
+        evaluator = Evaluator.for_scope(scope, self._functions)
         self._evaluators.append(evaluator)
         return evaluator
 
@@ -327,7 +327,7 @@ class ExecutableSystem:
             self._enter_shield(component)
 
     def _enter_shield(self, component: Component) -> None:
-        """Enters the shield of a controller's module, if it could be computed."""
+        """Enters the code of a controller's shield, if its module has one that is computed."""
         if component.module is None:
             return
         module = self.system.modules[component.module]
@@ -335,23 +335,23 @@ class ExecutableSystem:
         if shield is None or shield.held is None or shield.permits is None:
             return
         evaluator = self._evaluator_for(module.scope)
-        held = evaluator.expression(shield.held)
-        permits = evaluator.expression(permits_together(self.system, module))
-        moved = None if shield.moved is None else evaluator.expression(shield.moved)
+        held = evaluator.compiled(shield.held)
+        permits = evaluator.compiled(permits_on_close_reads(self.system, module))
+        moved = None if shield.moved is None else evaluator.compiled(shield.moved)
         self.shields[component.index] = ShieldCode(
             shield.topic, held, permits, shield.proposed, moved
         )
 
     def _compile_dm(self, module: Module) -> DmCode:
-        evaluator = PredicateEvaluator.of(module.scope, self._functions)
+        evaluator = PredicateEvaluator.for_scope(module.scope, self._functions)
         self._evaluators.append(evaluator)
         ttf, safer = module.symbol.ttf, module.symbol.safer
         return DmCode(
             module,
-            None if ttf is None else evaluator.expression(ttf),
-            None if safer is None else evaluator.expression(safer),
-            apart_at_most(self.system, module.inputs),
-            tuple([evaluator.expression(e) for e in module.goods]),
+            None if ttf is None else evaluator.compiled(ttf),
+            None if safer is None else evaluator.compiled(safer),
+            allowed_stamp_differences(self.system, module.inputs),
+            tuple([evaluator.compiled(e) for e in module.goods]),
         )
 
     def _compile_plant(self, component: Component) -> PlantCode:
@@ -370,25 +370,25 @@ class ExecutableSystem:
                 self.system.topics, component, step_function(self._externs[component.name])
             )
         else:
-            step = evaluator.block(node.step)
+            step = evaluator.compiled_block(node.step)
         return NodeCode(
             locals=node.locals,
             store=function_to_stored(v.type for v in node.locals),
-            takeover=None if node.takeover is None else evaluator.block(node.takeover),
+            takeover=None if node.takeover is None else evaluator.compiled_block(node.takeover),
             step=step,
             outputs=tuple([component.scope.topics[topic] for topic in node.publishes]),
-            queues=queues_of(self.system, component),
+            queues=queues_read_by(self.system, component),
             bursts=tuple([component.scope.topics[topic] for topic in node.bursts]),
         )
 
     def _compile_property(self, prop: Property) -> tuple[Compiled, bool]:
         """Gives the condition of a property, and the value that it must have."""
         assert prop.kind in ("always", "never", "assumes", "guarantees"), prop.kind
-        return self._evaluator_for(prop.scope).expression(prop.condition), prop.kind != "never"
+        return self._evaluator_for(prop.scope).compiled(prop.condition), prop.kind != "never"
 
 
 def _stamp_sources(system: System) -> tuple[int, ...]:
-    """Gives by topic the one whose stamp is its age: a queue's source. () without queues."""
+    """Gives for each topic the one whose stamp is its age: a queue's source. () without queues."""
     if all(t.queue_of is None for t in system.topics):
         return ()
     return tuple([t.index if t.queue_of is None else t.queue_of for t in system.topics])

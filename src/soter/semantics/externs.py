@@ -1,7 +1,7 @@
 """Steps that Python code takes: extern nodes and extern plants.
 
-Purpose: turn the callables a user binds into steps like any other, so that no rule knows the
-difference. Whatever goes wrong in them is a step fault (`FaultKind.EXTERN`), never a traceback.
+Purpose: turns the callables that a user binds into steps like any other, so that no rule knows
+the difference. Whatever goes wrong in them is a step fault (`FaultKind.EXTERN`), never a traceback.
 Non-goals: finding the callable of a `from "python:..."` (the api does), separate processes
 (`workers/`). An extern may keep state of its own; a fork of a configuration does not copy it.
 """
@@ -45,7 +45,7 @@ class Converted(tuple):  # type: ignore[type-arg] # noqa: SLOT001 - a plain tupl
 
 
 class UnboundExternError(Exception):
-    """Says that externs of the system are bound to nothing; `names` lists them."""
+    """The externs in `names` are bound to nothing."""
 
     def __init__(self, names: Sequence[str]) -> None:
         super().__init__("nothing is bound to " + ", ".join(f"`{n}`" for n in names))
@@ -53,7 +53,7 @@ class UnboundExternError(Exception):
 
 
 class ExternResetError(Exception):
-    """An extern's own `reset` raised; `name` says whose, the cause is chained."""
+    """The `reset` of the extern `name` raised an exception, which is chained as the cause."""
 
     def __init__(self, name: str, error: BaseException) -> None:
         super().__init__(f"`{name}` could not be reset: {visible_error(error)}")
@@ -61,7 +61,7 @@ class ExternResetError(Exception):
 
 
 def error_message(error: BaseException) -> str:
-    """Gives an extern's exception on one line; the extern's code may fail even at that."""
+    """Gives the message of an extern's exception on one line, even if `str` of it fails."""
     try:
         text = str(error)
     except Stop:
@@ -87,7 +87,7 @@ def step_function(bound: object) -> Step:
 
 
 def reset_extern(name: str, bound: object, seed: int) -> None:
-    """Starts a bound object afresh if it has a `reset`; ExternResetError if that raises."""
+    """Calls a bound object's `reset`, if it has one; ExternResetError if that raises."""
     start = getattr(bound, "reset", None)
     if callable(start):
         try:
@@ -99,7 +99,7 @@ def reset_extern(name: str, bound: object, seed: int) -> None:
 
 
 def extern_node(topics: Sequence[Topic], component: Component, step: Step) -> Executed:
-    """Gives the step of an extern node: inputs by short name, answers become publications."""
+    """Gives an extern node's step: it gets inputs by short name, and its answer is published."""
     assert component.node is not None
     scope = component.scope.topics
     reads = []
@@ -109,7 +109,7 @@ def extern_node(topics: Sequence[Topic], component: Component, step: Step) -> Ex
     writes = [(scope[topic], topic in component.node.bursts) for topic in component.node.publishes]
     shapes = component.node.answers
 
-    def run(env: Environment) -> None:
+    def run_extern_step(env: Environment) -> None:
         inputs = inputs_to_python([(name, t, env.topics[i]) for name, t, i in reads])
         answers = convert_answer(shapes, step(inputs))
         for (index, burst), value in zip(writes, answers, strict=True):
@@ -117,17 +117,17 @@ def extern_node(topics: Sequence[Topic], component: Component, step: Step) -> Ex
                 ends = [with_rounded_ends(topics[index], m) for m in (value if burst else (value,))]
                 env.published[index] = tuple(ends) if burst else ends[0]
 
-    return _step_with_guard(component, run)
+    return _step_with_guard(component, run_extern_step)
 
 
 def extern_plant(component: Component, step: Step) -> Move:
-    """Gives the motion of an extern plant, which also gets `inputs.state`; omitted states stay."""
+    """Gives an extern plant's motion: it also gets `inputs.state`; omitted states stay."""
     assert component.plant is not None
     scope = component.scope.topics
     reads = [_short_topic(topic, scope) for topic in component.plant.reads]
     shapes = [(v.name, v.type) for v in component.plant.states]
 
-    def move(env: Environment, states: tuple[Value, ...]) -> tuple[Value, ...]:
+    def moved_states(env: Environment, states: tuple[Value, ...]) -> tuple[Value, ...]:
         inputs = inputs_to_python([(name, t, env.topics[i]) for name, t, i in reads])
         named = zip(shapes, states, strict=True)
         inputs.state = inputs_to_python([(name, t, value) for (name, t), value in named])
@@ -136,11 +136,11 @@ def extern_plant(component: Component, step: Step) -> Move:
             [old if new is None else new for old, new in zip(states, answers, strict=True)]
         )
 
-    return _step_with_guard(component, move)
+    return _step_with_guard(component, moved_states)
 
 
 def convert_answer(shapes: Sequence[tuple[str, Type]], answer: object) -> Sequence[Value | None]:
-    """Gives the values of an answer, in the order of `shapes`."""
+    """Gives the values of an answer, in the order of `shapes`, its (name, type) pairs."""
     return answer if isinstance(answer, Converted) else outputs_from_python(shapes, answer)
 
 
@@ -150,7 +150,7 @@ def _short_topic(topic: TopicSymbol, scope: dict[TopicSymbol, int]) -> tuple[str
 
 
 def _step_with_guard(component: Component, run: Callable[..., Any]) -> Callable[..., Any]:
-    def guarded(*arguments: object) -> object:
+    def step_or_fault(*arguments: object) -> object:
         try:
             return run(*arguments)
         except Stop:
@@ -159,4 +159,4 @@ def _step_with_guard(component: Component, run: Callable[..., Any]) -> Callable[
             detail = f"`{component.name}`: {visible_error(error)}"
             raise StepFault(FaultKind.EXTERN, component.span, detail) from error
 
-    return guarded
+    return step_or_fault

@@ -25,20 +25,20 @@ if TYPE_CHECKING:
 
 
 FINE = 20
-"""How many random bits place a lateness between two quantiles."""
+"""How many random bits say where between two quantiles a lateness lies."""
 ON_TIME = 4096
 """One in so many releases is on time, whatever happens, so that a next release always exists."""
 LEAVES = 256
-"""Indices of the stream of amounts that belong to one slot, or to one step."""
+"""How many indices of the stream of amounts belong to one slot, or to one step."""
 ORDERS = 64
-"""Indices of the stream of orders that belong to one instant."""
+"""How many indices of the stream of orders belong to one instant."""
 
 
-def group_by_component(system: System, *, of_time: bool) -> dict[int, tuple[Fault, ...]]:
-    """Gives component -> its faults of releases (with `of_time`), or its other faults."""
+def group_by_component(system: System, *, changes_releases: bool) -> dict[int, tuple[Fault, ...]]:
+    """Gives component -> its faults that change releases, or those that do not."""
     faults_by_component: dict[int, tuple[Fault, ...]] = {}
     for f in system.faults:
-        if f.of_time == of_time:
+        if f.changes_releases == changes_releases:
             faults_by_component[f.component] = (*faults_by_component.get(f.component, ()), f)
     return faults_by_component
 
@@ -47,7 +47,7 @@ def group_by_component(system: System, *, of_time: bool) -> dict[int, tuple[Faul
 
 
 def fault_slot(fault: Fault, seed: int, t: int, period_ns: int) -> int:
-    """Gives the slot of a fault that t lies in; whether a slot is faulty is drawn once."""
+    """Gives the number of the fault's slot that t lies in; a draw a slot says if it is faulty."""
     if fault.slot_ns == 0:
         return t // period_ns
     return (t + _slot_offset(fault, seed)) // fault.slot_ns
@@ -57,20 +57,20 @@ def _slot_offset(fault: Fault, seed: int) -> int:
     return draw_bits(seed, f"{fault.stream}.at", 0) % fault.slot_ns
 
 
-def _is_drawn(fault: Fault, seed: int, slot: int) -> bool:
+def _is_slot_faulty(fault: Fault, seed: int, slot: int) -> bool:
     return draw_float(seed, fault.stream, slot, 0.0, 1.0) < fault.probability
 
 
 def is_active(fault: Fault, seed: int, t: int, period_ns: int) -> bool:
     """Whether a fault is active at t; if slots are `apart`, the one before is not faulty."""
     slot = fault_slot(fault, seed, t, period_ns)
-    if not _is_drawn(fault, seed, slot):
+    if not _is_slot_faulty(fault, seed, slot):
         return False
-    return not fault.apart or not _is_drawn(fault, seed, slot - 1)
+    return not fault.apart or not _is_slot_faulty(fault, seed, slot - 1)
 
 
 def _end_of_hold(fault: Fault, seed: int, t: int, period_ns: int) -> int:
-    """Gives until when a component that is held up at t waits; t without a fault."""
+    """Gives the time until which the fault holds a component up at t; t if it does not."""
     slot = fault_slot(fault, seed, t, period_ns)
     if not is_active(fault, seed, t, period_ns):
         return t
@@ -80,7 +80,7 @@ def _end_of_hold(fault: Fault, seed: int, t: int, period_ns: int) -> int:
 
 
 def _lateness_ns(fault: Fault, seed: int, stream: str, release: int) -> int:
-    """How late a release is, ns, drawn between quantiles, whose intervals are equally likely."""
+    """Gives how many ns late a release is: uniform in one of the intervals between quantiles."""
     times = [int(x) for x in fault.amount]
     stretches = len(times) - 1
     place = draw_bits(seed, stream, release) % (stretches << FINE)
@@ -91,7 +91,7 @@ def _lateness_ns(fault: Fault, seed: int, stream: str, release: int) -> int:
 def actual_release_ns(
     system: System, faults: Sequence[Fault], c: Component, seed: int, release: int
 ) -> int | None:
-    """Gives when a release really happens; None if it is lost, as to the next release."""
+    """Gives the time at which a release happens; None if it is lost."""
     nominal = c.phase_ns + release * c.period_ns
     t = nominal
     for f in faults if release % ON_TIME != ON_TIME - 1 else ():
@@ -108,12 +108,12 @@ def actual_release_ns(
 
 
 def _awaited_release(system: System, on: int, seed: int, nominal: int) -> int | None:
-    """Gives when the last release of component `on` up to a nominal time happens, or None."""
+    """Gives the time of the last release of component `on` due by `nominal`, or None."""
     other = system.components[on]
     since = nominal - other.phase_ns
     if since < 0:
         return None
-    faults = [f for f in system.faults if f.component == on and f.of_time]
+    faults = [f for f in system.faults if f.component == on and f.changes_releases]
     return actual_release_ns(system, faults, other, seed, since // other.period_ns)
 
 
@@ -134,7 +134,7 @@ def next_release(system: System, faults: Sequence[Fault], c: Component, seed: in
 
 
 def overrun_ns(faults: Sequence[Fault], c: Component, seed: int, ct: int) -> int:
-    """Gives how much longer, in ns, a step lasts that begins at ct."""
+    """Gives how many ns longer a step lasts that begins at ct, by `overrun` faults."""
     active = [f for f in faults if f.kind == "overrun" and is_active(f, seed, ct, c.period_ns)]
     return sum(int(f.amount[0]) for f in active)
 
@@ -160,7 +160,7 @@ def with_faults(
     before: Configuration,
     out: dict[int, Value],
 ) -> dict[int, Value]:
-    """Topic -> value that a step publishes under these faults; `before`: the configuration."""
+    """Gives topic -> value that a step publishes under these faults; `before`: the state."""
     value_by_topic, ct, now = dict(out), before.ct, before.Topics
     for f in faults:
         if f.topic not in value_by_topic or f.topic is None:

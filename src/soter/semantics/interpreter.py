@@ -92,7 +92,7 @@ def plant_step(
         env.variables.update(drawn)
         states = c.L[n]
         env.choose = choice_answerer(machine.draws, component, c.ct)
-        _choose_lets(code, env, states)
+        _evaluate_choosing_lets(code, env, states)
         if moves:
             states = code.store(_next_states(code, env, states))
         out = _driven_values(code, env, states, machine.draws, c.ct)
@@ -106,7 +106,7 @@ def plant_step(
 
 
 def _disturbances(component: Component, draws: Draws, ct: int | None) -> dict[Variable, Value]:
-    """Draws disturbances for the period that ends at `ct`; None, the first release, is draw 0."""
+    """Gives the disturbances of the period that ends at `ct`; at the first release `ct` is None."""
     drawn = {}
     for d in component.disturbances:
         hold = d.hold_ns or component.period_ns
@@ -118,17 +118,17 @@ def _disturbances(component: Component, draws: Draws, ct: int | None) -> dict[Va
 def _scaled_disturbances(
     machine: ExecutableSystem, component: Component, drawn: dict[Variable, Value], ct: int
 ) -> dict[Variable, Value]:
-    """Gives the disturbances, scaled by the faults of the system."""
+    """Gives the drawn disturbances times the factors of the plant's faults at ct."""
     value_by_variable = dict(drawn)
     for i, d in enumerate(component.disturbances):
         by = disturbance_factor(machine.faults[component.index], component, i, machine.seed, ct)
-        scaled = (x * by for x in _numbers_of(value_by_variable[d.variable]))
+        scaled = (x * by for x in _numbers_in(value_by_variable[d.variable]))
         value_by_variable[d.variable] = value_of_leaves(d.variable.type, scaled)
     return value_by_variable
 
 
-def _numbers_of(value: Value) -> list[float]:
-    return [x for part in value for x in _numbers_of(part)] if isinstance(value, tuple) else [value]
+def _numbers_in(value: Value) -> list[float]:
+    return [x for part in value for x in _numbers_in(part)] if isinstance(value, tuple) else [value]
 
 
 def _draw_disturbance(d: Disturbance, draws: Draws, index: int) -> Value:
@@ -155,10 +155,10 @@ def _next_states(code: PlantCode, env: Environment, states: tuple[Value, ...]) -
 def _integrated_states(
     code: PlantCode, env: Environment, states: tuple[Value, ...]
 ) -> dict[Variable, Value]:
-    """Gives all `der` states after a period, in `substeps` equal steps; others are constant."""
+    """Gives the `der` states after a period of `substeps` equal steps; others are constant."""
     variables = [variable for variable, _ in code.der]
 
-    def f(x: list[Value]) -> list[Value]:
+    def derivatives(x: list[Value]) -> list[Value]:
         env.variables.update(zip(variables, x, strict=True))
         _evaluate_lets(code, env)
         return [derivative(env) for _, derivative in code.der]
@@ -168,7 +168,7 @@ def _integrated_states(
     h = float(code.component.period_ns) / 1e9 / float(code.component.substeps)
     step = STEPS[code.method]
     for _ in range(code.component.substeps):
-        x = step(f, x, h, code.arithmetic)
+        x = step(derivatives, x, h, code.arithmetic)
     return dict(zip(variables, x, strict=True))
 
 
@@ -203,7 +203,7 @@ def _moved_along(x: list[Value], factor: float, k: list[Value], arithmetic: Step
 def _driven_values(
     code: PlantCode, env: Environment, states: tuple[Value, ...], draws: Draws, ct: int
 ) -> dict[int, Value]:
-    """Gives what the plant publishes: its `drives` on these states, with errors added."""
+    """Gives topic -> value that the plant publishes: `drives` on these states, plus errors."""
     _show_states(code, env, states)
     out = {topic: value(env) for topic, value in code.drives}
     for r in code.readings:
@@ -216,7 +216,7 @@ def _driven_values(
 
 
 def _show_states(code: PlantCode, env: Environment, states: tuple[Value, ...]) -> None:
-    """Lets expressions read these states, and the lets that follow from them."""
+    """Makes these states, and the lets computed from them, readable for expressions."""
     _set_states(code, env, states)
     _evaluate_lets(code, env)
 
@@ -232,7 +232,7 @@ def _evaluate_lets(code: PlantCode, env: Environment) -> None:
             env.variables[variable] = value(env)
 
 
-def _choose_lets(code: PlantCode, env: Environment, states: tuple[Value, ...]) -> None:
+def _evaluate_choosing_lets(code: PlantCode, env: Environment, states: tuple[Value, ...]) -> None:
     """Evaluates the lets that choose: once in a step, on the states that it begins with."""
     if not code.first:
         return
@@ -271,7 +271,7 @@ def why_refused(
 
 
 def first_in_deployed_order(c: Configuration) -> int:
-    """Gives the node that deployed drivers choose: plants, DMs, SCs, others, as declared."""
+    """Gives the next node in deployed order: plants, DMs, SCs, others, each as declared."""
     return c.FN[0]
 
 
@@ -354,7 +354,7 @@ class Interpreter:
         return c.FN
 
     def fire(self, c: Configuration, n: int) -> tuple[Configuration, DecisionVerdict | StepOutcome]:
-        """Makes the step of component `n` of FN, by the rule of its role; also gives its report."""
+        """Gives configuration and report after the step of component `n`, by its role's rule."""
         role = self.system.components[n].role
         if role == "plant":
             return plant_step(self.machine, c, n)
@@ -363,7 +363,7 @@ class Interpreter:
         return ac_or_sc_step(self.machine, c, n)
 
     def next_node(self, c: Configuration) -> int:
-        """The node that deployed drivers choose; any after plants, if the system is shuffled."""
+        """Gives the next node in deployed order; in a shuffled system a random one after plants."""
         first = first_in_deployed_order(c)
         if not self.system.shuffled or self.system.components[first].role == "plant":
             return first
@@ -376,7 +376,7 @@ class Interpreter:
     def publish_input(
         self, c: Configuration, topic: int, value: Value, time_ns: int, *, within: bool = False
     ) -> tuple[Configuration, FaultKind | None]:
-        """Gives a value from outside, measured at `time_ns`: `soter_publish` of `runtime/soter.h`.
+        """Publishes a value from outside, measured at `time_ns`, as `soter_publish` does in C.
 
         The topic gets it with this stamp; if it is refused nothing changes, and the kind says why
         (`why_refused`). `within`: the driver has moved time and not ended the instant, which C
@@ -389,7 +389,7 @@ class Interpreter:
         return environment_input(self.machine, c, topic, taken, time_ns), None
 
     def due_inputs(self, c: Configuration) -> Iterable[tuple[int, Value]]:
-        """Yields the inputs at ct of `input t every d`, as the draws choose them."""
+        """Yields (topic, value) of each `input t every d` that is due at ct, as drawn."""
         for drive in self.system.inputs:
             if c.ct % drive.every_ns == 0:
                 yield drive.topic, self.drawn_input(drive, c.ct)
@@ -409,7 +409,7 @@ class Interpreter:
         choose_input: ChooseInput | None = None,
         record: Record | None = None,
     ) -> Configuration:
-        """Makes an instant as a whole: time progresses, inputs change, all of FN fires.
+        """Gives the configuration after an instant: time progresses, inputs change, FN fires.
 
         `choose_node` gets a configuration and picks from its FN; `choose_input` gives the inputs,
         (topic index, value), of the instant that begins. A `record` is added to.
@@ -421,7 +421,7 @@ class Interpreter:
         while c.FN:
             c, event = self.fire(c, choose(c))
             if record is not None:
-                record.note(event, c.ct)
+                record.note_event(event, c.ct)
         if record is not None:
             record.note_properties(violated_properties(self.machine, c), c.ct)
         return c
@@ -433,7 +433,7 @@ class Interpreter:
         choose_node: ChooseNode | None = None,
         choose_input: ChooseInput | None = None,
     ) -> tuple[Configuration, Record]:
-        """Makes all instants up to and including `until_ns` (by default the system's own `until`).
+        """Runs all instants up to and including `until_ns`, by default the system's `until`.
 
         `observe` sees the configuration and the record after every instant.
         """
@@ -448,5 +448,5 @@ class Interpreter:
 
 
 def _first_mode(module: Module) -> int:
-    """Gives SC, so that every module starts in safe hands; AC if the system forces it."""
+    """Gives the mode in which a module starts: SC, or AC if the system forces AC."""
     return AC if module.forced == "ac" else SC

@@ -1,4 +1,4 @@
-"""Judges properties on the truth: which of them a configuration violates.
+"""Judges which properties a configuration violates, by the true states.
 
 Purpose: `always` and `never` at the end of an instant; `assumes` and `guarantees` of a node as it
 steps. A fault while one is judged violates it.
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def violated_properties(machine: ExecutableSystem, c: Configuration) -> list[bool]:
-    """Tells of each property if it is violated now: True on a fault, False for contracts."""
+    """Gives for each property whether it is violated now; a fault counts, contracts do not."""
     env = machine.environment(c)
     return [
         p.component is None and _is_violated(machine, p.index, env)
@@ -30,7 +30,7 @@ def violated_properties(machine: ExecutableSystem, c: Configuration) -> list[boo
 def violated_contracts(
     machine: ExecutableSystem, c: Configuration, component: Component, kind: str
 ) -> dict[int, bool]:
-    """Tells of each contract of one kind that a node has, by property index, if it is violated."""
+    """Gives, for a node's contracts of a kind, property index -> whether it is violated."""
     indices = [i for k, i in machine.contracts.get(component.index, ()) if k == kind]
     if not indices:
         return {}

@@ -1,4 +1,4 @@
-"""The gate: what may reach the topics, and what a refused step costs.
+"""The gate: which publications reach the topics, and the consequences of a refused step.
 
 Purpose: checks what a step published, publishes it, fills queues, sets the latches of AC and of
 trusted components, and counts clean outputs (docs/semantics.md, AC-or-SC-Step 4 to 6 and Queues).
@@ -30,48 +30,48 @@ if TYPE_CHECKING:
 
 
 def check_of_topic(topic: Topic) -> Check:
-    """Gives `(value, span)`, which raises a step fault unless the topic's set has the value."""
+    """Gives a check `(value, span)`: StepFault unless the value is in the topic's set."""
     bounds = iter(topic.bounds)
     names = iter([".".join((topic.name, *path)) for path, _ in leaves(topic.type)])
-    return _type_check(topic.type, bounds, names)
+    return _check_of_type(topic.type, bounds, names)
 
 
-def _type_check(t: Type, bounds: Iterator[Bound | None], names: Iterator[str]) -> Check:
-    """Gives the check of one type; takes as many bounds and names as the type has leaves."""
+def _check_of_type(t: Type, bounds: Iterator[Bound | None], names: Iterator[str]) -> Check:
+    """Gives the check of one type; it takes a bound and a name for each leaf of the type."""
     if isinstance(t, RecordType):
-        return _parts_check([_type_check(f, bounds, names) for _, f in t.fields])
+        return _check_of_parts([_check_of_type(f, bounds, names) for _, f in t.fields])
     if isinstance(t, ArrayType):
-        return _parts_check([_type_check(t.element, bounds, names) for _ in range(t.size)])
+        return _check_of_parts([_check_of_type(t.element, bounds, names) for _ in range(t.size)])
     if isinstance(t, ListType):
-        element = _type_check(t.element, bounds, names)
+        element = _check_of_type(t.element, bounds, names)
 
         def check_list(value: Value, span: Span) -> None:
             for item in value:
                 element(item, span)
 
         return check_list
-    return _leaf_check(t, next(bounds), next(names))
+    return _check_of_leaf(t, next(bounds), next(names))
 
 
-def _parts_check(parts: list[Check]) -> Check:
-    def check(value: Value, span: Span) -> None:
+def _check_of_parts(parts: list[Check]) -> Check:
+    def check_parts(value: Value, span: Span) -> None:
         for part, component in zip(parts, value, strict=True):
             part(component, span)
 
-    return check
+    return check_parts
 
 
-def _leaf_check(t: Type, bound: Bound | None, name: str) -> Check:
+def _check_of_leaf(t: Type, bound: Bound | None, name: str) -> Check:
     is_float = isinstance(t, FloatType)
 
-    def check(value: Value, span: Span) -> None:
+    def check_leaf(value: Value, span: Span) -> None:
         if is_float and not math.isfinite(value):
             raise StepFault(FaultKind.NONFINITE, span, f"`{name}` would be {value}")
         if bound is not None and not bound.low <= value <= bound.high:
             within = f"[{bound.low}, {bound.high}]"
             raise StepFault(FaultKind.RANGE, span, f"`{name}` would be {value}, not in {within}")
 
-    return check if is_float or isinstance(t, IntType) else lambda _value, _span: None
+    return check_leaf if is_float or isinstance(t, IntType) else lambda _value, _span: None
 
 
 def check_publications(
@@ -93,19 +93,19 @@ def check_publications(
 
 
 def messages_of(topic: int, published: Value, bursts: Collection[int]) -> tuple[Value, ...]:
-    """Gives the messages on a topic in a step, in order: one, or several of a burst."""
+    """Gives the messages that a step published on a topic, in order: one, or those of a burst."""
     return published if topic in bursts else (published,)
 
 
 def with_rounded_ends(topic: Topic, value: Value) -> Value:
-    """Gives a value from outside; numbers between an end and its float32 are the end."""
-    if all(b is None or b.singles == (b.low, b.high) for b in topic.bounds):
+    """Gives a value from outside, where a number between an end and its float32 is the end."""
+    if all(b is None or b.float32_ends == (b.low, b.high) for b in topic.bounds):
         return value
     return _map_leaves(_round_to_end, topic.type, iter(topic.bounds), value)
 
 
 def clip_to_set(t: Type, bounds: Sequence[Bound | None], value: Value) -> Value:
-    """Gives a value whose numbers are limited to a topic's set; NaN and infinity stay."""
+    """Gives a value with its numbers limited to a topic's set; NaN and infinity stay."""
     return _map_leaves(_clip_leaf, t, iter(bounds), value)
 
 
@@ -115,7 +115,7 @@ def _map_leaves(
     bounds: Iterator[Bound | None],
     value: Value,
 ) -> Value:
-    """Gives a value with `leaf` applied to its leaves; takes as many bounds as it has leaves."""
+    """Gives a value with `leaf` applied to each leaf; it takes a bound for each leaf of `t`."""
     if isinstance(t, RecordType):
         fields = zip(t.fields, value, strict=True)
         return tuple([_map_leaves(leaf, f, bounds, part) for (_, f), part in fields])
@@ -138,7 +138,7 @@ def _clip_leaf(t: Type, bound: Bound | None, value: Value) -> Value:
 def _round_to_end(t: Type, bound: Bound | None, value: Value) -> Value:
     if bound is None or not isinstance(t, FloatType):
         return value
-    low, high = bound.singles
+    low, high = bound.float32_ends
     if low <= value <= bound.low:
         return bound.low
     return bound.high if bound.high <= value <= high else value
@@ -156,7 +156,7 @@ def publish(
 ) -> Configuration:
     """Gives the configuration with `published` on its topics, stamped `time_ns` (None: ct).
 
-    Topics' = out united with Topics[T without dom(out)]. Every value also goes into the queues of
+    Topics' = out united with Topics[T without dom(out)]. Each value also goes into the queues of
     its topic; of `bursts` every message does, and the topic holds the last one.
     """
     if not published:
@@ -172,7 +172,7 @@ def publish(
 
 
 def _push_to_queue(queue: Topic, values: list[Value], stamps: list[int], value: Value) -> None:
-    """Puts a value at the end of a queue; a full one does as its policy says."""
+    """Puts a value at the end of a queue; if it is full, its policy says what happens."""
     assert isinstance(queue.type, ListType), queue.name
     waiting = values[queue.index]
     if len(waiting) < queue.type.capacity:
@@ -184,13 +184,13 @@ def _push_to_queue(queue: Topic, values: list[Value], stamps: list[int], value: 
 
 
 def require_nothing_lost(c: Configuration, queues: Iterable[int], span: Span) -> None:
-    """Raises StepFault if a node's queue lost a value that it must not lose."""
+    """Raises StepFault if one of the queues lost a value and its policy is `fault`."""
     if any(c.stamps[q] == LOST for q in queues):
         raise StepFault(FaultKind.CAPACITY, span, "a queue was full")
 
 
 def clear_lost_queues(c: Configuration, queues: Iterable[int]) -> Configuration:
-    """Empties those of these queues that lost a value, after that step fault."""
+    """Gives the configuration in which the queues that lost a value are empty."""
     for q in queues:
         if c.stamps[q] == LOST:
             c = replace(empty_queues(c, (q,)), stamps=with_value(c.stamps, q, NEVER))
@@ -198,7 +198,7 @@ def clear_lost_queues(c: Configuration, queues: Iterable[int]) -> Configuration:
 
 
 def empty_queues(c: Configuration, queues: Iterable[int]) -> Configuration:
-    """Empties the queues of a node after its completed step."""
+    """Gives the configuration in which the queues are empty, after a complete step."""
     for q in queues:
         if c.Topics[q]:
             c = replace(c, Topics=with_value(c.Topics, q, ()))
@@ -206,7 +206,7 @@ def empty_queues(c: Configuration, queues: Iterable[int]) -> Configuration:
 
 
 def note_ac_fault(c: Configuration, module: Module) -> Configuration:
-    """Notes a step fault of AC for its DM, if AC counted, and asks for clean steps."""
+    """Notes a step fault of AC: for its DM, if AC was in control; clean steps count anew."""
     gate_fault = c.gate_fault
     if c.OE[module.ac]:
         gate_fault = with_value(gate_fault, module.index, True)
@@ -215,14 +215,14 @@ def note_ac_fault(c: Configuration, module: Module) -> Configuration:
 
 
 def latch_component(c: Configuration, n: int) -> Configuration:
-    """Latches a trusted component after its step fault: it never runs again."""
+    """Latches component `n`, which is trusted, after its step fault: it never runs again."""
     return replace(c, latched=with_value(c.latched, n, True))
 
 
 def count_clean_step(
     c: Configuration, module: Module, outputs: Iterable[int], published: Iterable[int]
 ) -> Configuration:
-    """Counts a good step of the module's AC as clean if its outputs are complete."""
+    """Counts a step of the module's AC as clean if it published all of its outputs."""
     owed = c.clean_needed[module.index]
     if owed == 0 or not set(outputs) <= set(published):
         return c

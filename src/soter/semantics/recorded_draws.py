@@ -31,24 +31,24 @@ class Recorder:
     choices: Choices = field(default_factory=dict)
 
     def uniform(self, stream: str, index: int, low: float, high: float) -> float:
-        """A float of [low, high]."""
+        """Gives the float that `draws` chooses, and writes it down."""
         value = self.draws.uniform(stream, index, low, high)
-        self._note(stream, index, value)
+        self._note_choice(stream, index, value)
         return value
 
-    def leaf(self, t: Type, bound: Bound | None, stream: str, index: int) -> Value:
-        """A value of a scalar type."""
-        value = self.draws.leaf(t, bound, stream, index)
-        self._note(stream, index, value)
+    def leaf_value(self, t: Type, bound: Bound | None, stream: str, index: int) -> Value:
+        """Gives the value that `draws` chooses, and writes it down."""
+        value = self.draws.leaf_value(t, bound, stream, index)
+        self._note_choice(stream, index, value)
         return value
 
     def choice(self, stream: str, index: int, count: int) -> int:
-        """The number of one of some alternatives."""
+        """Gives the alternative that `draws` chooses, and writes it down."""
         pick = self.draws.choice(stream, index, count)
-        self._note(stream, index, pick)
+        self._note_choice(stream, index, pick)
         return pick
 
-    def _note(self, stream: str, index: int, value: Value) -> None:
+    def _note_choice(self, stream: str, index: int, value: Value) -> None:
         noted = self.choices.setdefault(stream, [])
         if not noted or noted[-1][1] != value:
             noted.append((index, value))
@@ -72,14 +72,14 @@ class RecordedDraws:
         return noted[at][1]
 
     def uniform(self, stream: str, index: int, low: float, high: float) -> float:
-        """The float that was chosen."""
+        """Gives the float that was written down."""
         value = self._draw_at(stream, index)
         if isinstance(value, bool) or not isinstance(value, float) or not low <= value <= high:
             raise ChoiceError(f"`{stream}` at {index}: {value} is not in [{low}, {high}]")
         return value
 
-    def leaf(self, t: Type, bound: Bound | None, stream: str, index: int) -> Value:
-        """The value that was chosen."""
+    def leaf_value(self, t: Type, bound: Bound | None, stream: str, index: int) -> Value:
+        """Gives the value that was written down."""
         value = self._draw_at(stream, index)
         if isinstance(t, FloatType):
             assert bound is not None, f"{stream} is not bounded"
@@ -98,7 +98,7 @@ class RecordedDraws:
         return value
 
     def choice(self, stream: str, index: int, count: int) -> int:
-        """The alternative that was chosen."""
+        """Gives the alternative that was written down."""
         value = self._draw_at(stream, index)
         if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < count:
             raise ChoiceError(f"`{stream}` at {index}: {value} is none of {count} alternatives")

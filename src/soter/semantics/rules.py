@@ -139,7 +139,7 @@ def ac_or_sc_step(
 def _node_step(
     machine: ExecutableSystem, c: Configuration, component: Component
 ) -> tuple[Configuration, StepOutcome]:
-    """Makes one step of a node; if the step takes time, its publications are held."""
+    """Gives configuration and report after a node's step; if it takes time, outputs are held."""
     n = component.index
     oe, code = c.OE[n], machine.nodes[n]
     if c.latched[n]:
@@ -179,7 +179,7 @@ def _node_step(
 
 
 def next_instant(machine: ExecutableSystem, c: Configuration) -> int:
-    """Gives the earliest time after ct when something is released, drawn, or takes effect."""
+    """Gives the earliest time after ct of a release, an input, or the end of a step."""
     system, ct = machine.system, c.ct
     times = [_next_release(machine, ct, n) for n in system.components]
     times += [_next_multiple(ct, 0, i.every_ns) for i in system.inputs]
@@ -196,7 +196,7 @@ def _next_release(machine: ExecutableSystem, ct: int, n: Component) -> int:
 
 
 def _is_due(machine: ExecutableSystem, c: Configuration, n: Component, ct: int) -> bool:
-    """Whether a component fires at `ct`; a release while its step lasts is lost."""
+    """Whether a component fires at `ct`: its step ends, or it is released and no step lasts."""
     ends = NEVER if n.held is None else c.stamps[n.held]
     return ends == ct or (ends == NEVER and _is_released(machine, n, ct))
 
@@ -237,7 +237,7 @@ def is_stale(machine: ExecutableSystem, c: Configuration, module: Module) -> boo
 
 
 def draw_end(machine: ExecutableSystem, c: Configuration, component: Component) -> Configuration:
-    """Draws when a step that has begun, or faulted, ends; its held topic's stamp says it."""
+    """Draws when a step that began now ends, and keeps that as its held topic's stamp."""
     assert component.held is not None
     low, high = component.takes_ns or (0, 0)
     faults = machine.faults.get(component.index, ())
@@ -250,7 +250,7 @@ def draw_end(machine: ExecutableSystem, c: Configuration, component: Component) 
 def hold_outputs(
     machine: ExecutableSystem, c: Configuration, component: Component, out: dict[int, Value]
 ) -> Configuration:
-    """Keeps what a step published until it takes effect."""
+    """Keeps a step's publications in its held topic until they take effect."""
     assert component.held is not None
     value: list[Value] = list(machine.system.topics[component.held].default)
     for k, topic in enumerate(machine.nodes[component.index].outputs):
@@ -262,7 +262,7 @@ def hold_outputs(
 def publish_held(
     machine: ExecutableSystem, c: Configuration, component: Component
 ) -> tuple[Configuration, dict[int, Value]]:
-    """Publishes the held outputs if they are enabled; gives what was published, too."""
+    """Publishes held outputs if they are enabled; also gives topic -> what was published."""
     assert component.held is not None
     value = c.Topics[component.held]
     outputs = machine.nodes[component.index].outputs
@@ -284,7 +284,7 @@ def publish_held(
 def _run_step(
     machine: ExecutableSystem, c: Configuration, component: Component
 ) -> tuple[tuple[Value, ...], dict[int, Value]]:
-    """Gives (l', out) of one step, after `on takeover` if control is new; raises faults."""
+    """Gives (l', out) of one step, with `on takeover` if control is new; raises StepFault."""
     n = component.index
     code = machine.nodes[n]
     env = machine.environment(c, component)
@@ -307,7 +307,7 @@ def _run_step(
 def _after_fault(
     machine: ExecutableSystem, c: Configuration, component: Component, fault: StepFault
 ) -> tuple[Configuration, StepOutcome]:
-    """Gives the configuration after a step fault: AC is gated, a trusted node is latched."""
+    """Gives configuration and report after a step fault: AC is gated, a trusted node latched."""
     n = component.index
     if fault.kind is FaultKind.CAPACITY:
         c = clear_lost_queues(c, machine.nodes[n].queues)

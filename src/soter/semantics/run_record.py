@@ -1,4 +1,4 @@
-"""The sums over a run: switches, faults, violations.
+"""The counts of a run: switches, faults, violations.
 
 Purpose: a `Record` is told what each transition reports; no rule reads it.
 Non-goals: what a transition reports (`configuration.py`), reports of runs (`simulate/result.py`).
@@ -21,7 +21,7 @@ NAN_LOOKS_MAX = 2**16 - 1
 
 @dataclass(slots=True)
 class ModuleRecord:
-    """One module: what the last DM step saw, and sums over the run."""
+    """The record of a module: what its last DM step read, and sums over the run."""
 
     mode: int
     ttf: bool = False
@@ -41,7 +41,7 @@ class ModuleRecord:
 
 @dataclass(slots=True)
 class ComponentRecord:
-    """One component: its step faults. `last_fault` is a `FaultKind` code, 0 for none."""
+    """The step faults of a component; `last_fault` is a `FaultKind` code, 0 for none."""
 
     faults: int = 0
     last_fault: int = 0
@@ -50,7 +50,7 @@ class ComponentRecord:
 
 @dataclass(slots=True)
 class PropertyRecord:
-    """One property: `active` while violated; `count` of onsets; time of the first.
+    """One property: `active` while violated; how often that began; when it first did.
 
     A contract is judged when its node steps, everything else at the end of instants.
     """
@@ -60,8 +60,8 @@ class PropertyRecord:
     first_ns: int = NEVER
     contract: bool = False
 
-    def note(self, ct: int, *, violated: bool) -> None:
-        """Note whether it is violated at `ct`."""
+    def note_truth(self, ct: int, *, violated: bool) -> None:
+        """Notes whether the property is violated at `ct`."""
         if violated and not self.active:
             self.count += 1
             if self.first_ns == NEVER:
@@ -79,26 +79,26 @@ class Record:
 
     @property
     def violations(self) -> int:
-        """Onsets of violated properties, and latched components."""
+        """Gives how often a violation of a property began, plus the latched components."""
         latched = sum(c.latched_ns != NEVER for c in self.components)
         return sum(p.count for p in self.properties) + latched
 
     def copy(self) -> Record:
-        """A record to fork a run with."""
+        """Gives a copy with which a run can be forked."""
         return copy.deepcopy(self)
 
-    def note(self, event: DecisionVerdict | StepOutcome, ct: int) -> None:
-        """Add what a transition at `ct` reports."""
+    def note_event(self, event: DecisionVerdict | StepOutcome, ct: int) -> None:
+        """Adds the report of a transition at `ct`."""
         if isinstance(event, DecisionVerdict):
             self._note_verdict(event, ct)
         else:
             self._note_outcome(event, ct)
 
     def note_properties(self, violated: Sequence[bool], ct: int) -> None:
-        """Add the properties' values at the end of the instant `ct`."""
+        """Adds, at the end of the instant `ct`, which properties are violated."""
         for record, now in zip(self.properties, violated, strict=True):
             if not record.contract:
-                record.note(ct, violated=now)
+                record.note_truth(ct, violated=now)
 
     def _note_verdict(self, verdict: DecisionVerdict, ct: int) -> None:
         module = self.modules[verdict.module]
@@ -116,7 +116,7 @@ class Record:
 
     def _note_outcome(self, outcome: StepOutcome, ct: int) -> None:
         for index, violated in outcome.contract_violations.items():
-            self.properties[index].note(ct, violated=violated)
+            self.properties[index].note_truth(ct, violated=violated)
         if outcome.fault is None:
             return
         component = self.components[outcome.component]

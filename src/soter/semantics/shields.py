@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 class Shielded:
     """A step of AC or SC after its shield.
 
-    `published`: what it publishes; `held`: the shield's topic, which is stored with that (n1);
-    `proposed`: its topic of proposals, which is stored whether or not the outputs are enabled.
+    Each maps topics to values. `published`: what the step publishes; `held`: the shield's topic,
+    stored together with that; `proposed`: the topic of proposals, which is stored in any case.
     """
 
     published: dict[int, Value]
@@ -39,24 +39,24 @@ class Shielded:
 def apply_shield(
     machine: ExecutableSystem, c: Configuration, component: Component, published: dict[int, Value]
 ) -> Shielded:
-    """What a step of AC or SC publishes after its module's shield; unchanged without one.
+    """Gives what a step of AC or SC publishes after its module's shield, if it has one.
 
-    StepFault where AC publishes a command that is not permitted, in control or not; of a module
-    that is forced nothing is refused or moved.
+    StepFault if AC publishes a command that is not permitted, in control or not. In a forced
+    module nothing is refused or moved.
     """
     code = machine.shields.get(component.index)
     if code is None or not published:
         return Shielded(published)
     dm = machine.system.components[_shielding_module(machine, component).dm]
     held = {code.topic: code.held(machine.environment(c, dm))}
-    proposed = _with_proposal(machine, c, component, code, published)
+    proposed = _noted_proposals(machine, c, component, code, published)
     if component.role != "ac" or _shielding_module(machine, component).forced:
         return Shielded(published, held, proposed)
     found: object = 1.0
     if code.moved is not None:
         seen = _with_topics(c, {**held, **proposed})
         *numbers, found = code.moved(machine.environment(seen, dm))
-        published = _with_numbers(machine, component, published, numbers)
+        published = _publications_with_numbers(machine, component, published, numbers)
     if found != 1.0 or not code.permits(
         machine.environment(_with_topics(c, {**published, **held}), dm)
     ):
@@ -64,14 +64,14 @@ def apply_shield(
     return Shielded(published, held, proposed)
 
 
-def _with_proposal(
+def _noted_proposals(
     machine: ExecutableSystem,
     c: Configuration,
     component: Component,
     code: ShieldCode,
     published: Mapping[int, Value],
 ) -> dict[int, Value]:
-    """The topic of proposals with what this step would publish; AC's numbers first, then SC's."""
+    """Gives the topic of proposals with this step's numbers put in: first AC's, then SC's."""
     if code.proposed is None:
         return {}
     numbers = list(c.Topics[code.proposed])
@@ -84,13 +84,13 @@ def _with_proposal(
     return {code.proposed: tuple(numbers)}
 
 
-def _with_numbers(
+def _publications_with_numbers(
     machine: ExecutableSystem,
     component: Component,
     published: Mapping[int, Value],
     numbers: list[Value],
 ) -> dict[int, Value]:
-    """The publications with these numbers, those of all outputs, put in."""
+    """Gives the publications with these numbers put in; `numbers` has those of all outputs."""
     new, rest = dict(published), iter(numbers)
     for topic in _shielding_module(machine, component).outputs:
         value = value_of_numbers(machine.system.topics[topic].type, rest)

@@ -1,4 +1,4 @@
-"""The DM steps of a run as records: what each saw, what it did, why.
+"""Makes a record of each DM step of a run: what it saw, what it did, why.
 
 Purpose: `decision_steps` gives every DM step of a trace, and `change_records` every change of mode,
 with its reason, as plain records for logs, reports and terminals.
@@ -31,9 +31,9 @@ Mode = Literal["SC", "AC"]
 
 @dataclass(frozen=True)
 class PredicateValues:
-    """The facts of a DM step; `clean_needed`: how many clean outputs AC owes after a gate fault.
+    """The facts of a DM step. `clean_needed`: how many clean outputs AC owes after a gate fault.
 
-    `latched`: why its latch, if it has one, lets AC have no control; "": it does.
+    `latched`: why the module's latch keeps AC from control; "" if it does not.
     """
 
     ttf: bool
@@ -44,7 +44,7 @@ class PredicateValues:
     latched: str = ""
 
     def predicates(self) -> dict[str, bool]:
-        """The facts by name, as logs and reports show them."""
+        """The four predicates by the names that logs and reports use."""
         return {
             "ttf": self.ttf,
             "safer": self.safer,
@@ -55,7 +55,7 @@ class PredicateValues:
 
 @dataclass(frozen=True)
 class DecisionStepRecord:
-    """A DM step: when, whose, the modes before and after, what it saw, and why in words."""
+    """A DM step: its time, module, modes before and after, facts, and reason in words."""
 
     time_ns: int
     module: str
@@ -64,13 +64,13 @@ class DecisionStepRecord:
     saw: PredicateValues
     reason: str
     margin_s: float
-    """margin(M) right after it."""
+    """margin(M) right after the step: for how long AC surely keeps control."""
     why: DecisionReason | None = None
-    """The values behind it; None where nothing changed, and where the states are not kept."""
+    """The values behind the reason; None if nothing changed or the states are not kept."""
     reads: tuple[TopicRead, ...] = ()
-    """What the step read, of a module with `rest`: the estimate from which SC was followed."""
+    """In a module with `rest` the topics that the step read, from which SC was followed."""
     plan: str = ""
-    """Of several plans the node that SC follows from this step on; "" where there is one."""
+    """The plan that SC follows from this step on; "" in a module with one plan."""
 
     @property
     def words(self) -> list[str]:
@@ -81,9 +81,9 @@ class DecisionStepRecord:
 def change_records(
     system: System, layout: StateLayout, changes: Sequence[ModeChange]
 ) -> list[DecisionStepRecord]:
-    """The DM steps that changed a mode, in order of time, of a run's `changes`.
+    """The records of a run's `changes` of mode, in order of time.
 
-    For modules with `rest` a step that took control from AC has the part of the tube that failed.
+    In modules with `rest`, a step that took control from AC names the part of the tube that failed.
     """
     explainer = Explainer(system, layout)
     found = [change_record(system, change, explainer) for change in changes]
@@ -95,7 +95,7 @@ def change_records(
 
 
 def _failed_parts(system: System, changes: Sequence[ModeChange]) -> dict[int, str]:
-    """The part of the tube that failed, by number of the change; {} without a C compiler."""
+    """The failed part of the tube in words, by index of the change; {} without a C compiler."""
     rests, every = [m.index for m in followed_modules(system)], enumerate(changes)
     lost = [(k, c) for k, c in every if c.to != "AC" and c.ttf and c.states and c.module in rests]
     looks = compile_looks(system) if lost else None
@@ -103,7 +103,7 @@ def _failed_parts(system: System, changes: Sequence[ModeChange]) -> dict[int, st
     for k, c in lost if looks is not None else ():
         assert looks is not None
         assert c.states is not None
-        led = looks.follow(c.module, *c.states, judged=True)
+        led = looks.follow_tube(c.module, *c.states, judged=True)
         if led.failed:
             words_by_change[k] = looks.failure_words(system.modules[c.module], led)
     return words_by_change
@@ -112,7 +112,7 @@ def _failed_parts(system: System, changes: Sequence[ModeChange]) -> dict[int, st
 def change_record(
     system: System, change: ModeChange, explainer: Explainer | None = None
 ) -> DecisionStepRecord:
-    """The record of a change of mode with its reason; with an `explainer` also the values."""
+    """The record of a change of mode with its reason; an `explainer` adds the values behind it."""
     module = system.modules[change.module]
     saw = PredicateValues(change.ttf, change.safer, change.stale, change.gate_fault)
     after: Mode = "AC" if change.to == "AC" else "SC"
@@ -135,9 +135,9 @@ def decision_steps(
 ) -> Iterator[DecisionStepRecord]:
     """Yields every DM step of consecutive states, (n,), in order of time, then of modules.
 
-    `earlier`: the state before the first, None at the start of a run. With an `explainer` a step
-    that saw or did something else than the one before has the values, and one of a module with
-    `rest` what it read.
+    `earlier`: the state before the first, None at a run's start. An `explainer` adds the values to
+    each step whose facts or mode differ from those of the step before, and the topics that were
+    read to each step of a module with `rest`.
     """
     due = decided_rows(system, states)
     modules = states["modules"]
@@ -147,15 +147,15 @@ def decision_steps(
         for module in system.modules:
             if due[row, module.index]:
                 seen = None if before is None else before["modules"]
-                waits = _latch_wait(module, states[row])
+                waits = _latch_wait_text(module, states[row])
                 decision = _step_record(modules[row], seen, module, int(times_ns[row]), waits)
                 raw = None if before is None else before.tobytes()
                 if explainer is not None and _has_changed(modules[row], seen, module.index):
                     why = explainer.explain(module.index, raw, states[row].tobytes())
                     decision = replace(decision, why=why)
                 if explainer is not None and module.symbol.rest is not None:
-                    read = explainer.reads(module.index, raw, states[row].tobytes())
-                    decision = replace(decision, reads=read)
+                    topics_read = explainer.topics_read(module.index, raw, states[row].tobytes())
+                    decision = replace(decision, reads=topics_read)
                 if module.plan is not None:
                     number = int(states["topics"][system.topics[module.plan].name][row])
                     decision = replace(decision, plan=module.symbol.plans[number].name)
@@ -163,19 +163,19 @@ def decision_steps(
 
 
 def margins_s(system: System, module: Module, states: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
-    """margin(M) in s after every instant, (n,); `states`, (n,), from the start of the run."""
-    now, of = states["header"]["ct"], states["modules"][:, module.index]
+    """margin(M) in s after every instant, (n,); `states`, (n,), begin with the run."""
+    now, rows = states["header"]["ct"], states["modules"][:, module.index]
     due = decided_rows(system, states)[:, module.index]
     last = np.maximum.accumulate(np.where(due, now, np.iinfo(np.int64).min // 2))
-    unsafe = (of["ttf"] != 0) | (of["stale"] != 0) | (of["saw_gate_fault"] != 0)
-    looks = np.where(unsafe, 0, np.where(of["safer"] != 0, module.looks, 1))
+    unsafe = (rows["ttf"] != 0) | (rows["stale"] != 0) | (rows["saw_gate_fault"] != 0)
+    looks = np.where(unsafe, 0, np.where(rows["safer"] != 0, module.looks, 1))
     left_ns = looks * module.period_ns - module.late_ns - (now - last)
-    margin_s: npt.NDArray[np.float64] = np.where(of["mode"] != 0, np.maximum(left_ns, 0), 0) / 1e9
+    margin_s: npt.NDArray[np.float64] = np.where(rows["mode"] != 0, np.maximum(left_ns, 0), 0) / 1e9
     return margin_s
 
 
-def latch_rows(module: Module, states: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
-    """Whether a module's latch keeps AC from control, (n,), after each of `states`, (n,)."""
+def latched_rows(module: Module, states: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
+    """Whether, after each of `states`, (n,), a module's latch keeps AC from control: (n,)."""
     in_sc = states["modules"]["mode"][:, module.index] == 0
     if module.latch is None:
         return np.zeros_like(in_sc)
@@ -183,13 +183,13 @@ def latch_rows(module: Module, states: npt.NDArray[Any]) -> npt.NDArray[np.bool_
     waits: npt.NDArray[np.bool_] = held != (
         OPEN if module.acknowledgement is None else ACKNOWLEDGED
     )
-    both: npt.NDArray[np.bool_] = in_sc & waits
-    return both
+    latched: npt.NDArray[np.bool_] = in_sc & waits
+    return latched
 
 
-def _latch_wait(module: Module, state: Any) -> str:  # noqa: ANN401 - a state
-    """What a module's latch waits for after an instant; "" if AC may have control."""
-    if module.latch is None or not latch_rows(module, state.reshape(1))[0]:
+def _latch_wait_text(module: Module, state: Any) -> str:  # noqa: ANN401 - a state
+    """Says what a module's latch waits for after an instant; "" if it does not keep AC out."""
+    if module.latch is None or not latched_rows(module, state.reshape(1))[0]:
         return ""
     if not module.symbol.acknowledgements:
         return "latched: it returns never"
@@ -205,7 +205,7 @@ def _step_record(
     time_ns: int,
     waits: str,
 ) -> DecisionStepRecord:
-    """The record of a DM step; AC's owed outputs are those before it, as AC steps after the DM."""
+    """The record of a DM step. Owed outputs are those before it, as AC steps after its DM."""
     now = modules[module.index]
     earlier = None if before is None else before[module.index]
     was_ac = module.forced == "ac" if earlier is None else bool(earlier["mode"])
@@ -226,27 +226,27 @@ def _step_record(
 
 
 def _margin_s(module: Module, after: Mode, saw: PredicateValues) -> float:
-    """For how many seconds AC surely keeps control from this step on."""
+    """For how many seconds AC surely keeps control from this step on: margin(M)."""
     unsafe = saw.ttf or saw.stale or saw.gate_fault
     looks = module.looks_left(unsafe=unsafe, safer=saw.safer)
     return module.margin_ns(looks, 0) / 1e9 if after == "AC" else 0.0
 
 
 def _has_changed(now: Any, before: Any, module: int) -> bool:  # noqa: ANN401 - rows of modules
-    """Whether a step saw or did something else than the step before."""
+    """Whether the facts or the mode of a step differ from those of the step before."""
     facts = ["mode", "ttf", "safer", "stale", "saw_gate_fault"]
     return before is None or bool(now[module][facts] != before[module][facts])
 
 
 def decision_reason(before: Mode, after: Mode, saw: PredicateValues) -> str:
-    """Says why a DM step decided as it did; "" if there is nothing to say."""
+    """The reason for a DM step's decision in words; "" if AC simply stays."""
     if after == "SC":
         return " and ".join(_objections(saw, staying=before == "SC"))
     return "safer: far enough inside φ_safe" if before == "SC" else ""
 
 
 def _objections(saw: PredicateValues, *, staying: bool) -> Iterator[str]:
-    """Yields the reasons against AC's control, in words."""
+    """Yields in words each fact that keeps AC from control."""
     if saw.ttf and not staying:
         yield "ttf: must hold wherever φ_safe could be left within 2Δ (`soter verify` checks that)"
     if saw.stale:

@@ -1,8 +1,8 @@
 """Reads a recording that a program of target `posix` wrote of its flight.
 
 Purpose: a `FlightRecording` gives the states after all instants, in order, and how late decision
-modules were. A recording of something else, or one that contradicts itself, is a `SoterError`; one
-that lacks its end, or some instants, is read up to there.
+modules were. A recording of another system, or one that contradicts itself, is a `SoterError`. A
+recording without its end, or without some instants, is read up to there.
 Non-goals: what writes recordings (`runtime/posix/`), what is told of a run (`run_observer.py`).
 """
 
@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from soter.language.model.system import System
     from soter.simulate.run_observer import Observer
 
-    Looks = Mapping[tuple[int, str], tuple[int, int]]
-    """Of steps of a DM, by time (ns) and module: how late it began, and ended, ns."""
+    StepLateness = Mapping[tuple[int, str], tuple[int, int]]
+    """By time (ns) and module of a DM step: how late it began and ended, in ns."""
 
 
 HEAD_MAX = 1 << 20
@@ -48,9 +48,9 @@ CUT = "its end is missing: the program that flew was killed, or the file was cut
 
 @dataclass
 class FlightRecording:
-    """A recording of a system, whose beginning was read.
+    """The recording of a flight of a system.
 
-    `cut`: why it was not read to its end, "" where it was. `misses`: how often the trusted part
+    `cut`: why it was not read to its end, "" if it was. `misses`: how often the trusted part
     was late, as the driver counted. `last_ns`: the time of the last instant that was read.
     """
 
@@ -60,10 +60,10 @@ class FlightRecording:
     cut: str = ""
     misses: int = 0
     last_ns: int = 0
-    _looks: dict[tuple[int, str], tuple[int, int]] = field(default_factory=dict)
+    _lateness: dict[tuple[int, str], tuple[int, int]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Reads the beginning; `SoterError` D006 for no recording, D023 for another system's."""
+        """Reads the head; `SoterError` D006 if it is no recording, D023 if of another system."""
         self._layout = state_layout(self.system)
         modules = max(len(self.system.modules), 1)
         self._record = np.dtype(
@@ -78,19 +78,19 @@ class FlightRecording:
         with self._open_file() as file:
             self.seed = self._read_head(file)
 
-    def show_to(self, observer: Observer, also: Callable[..., None] | None = None) -> None:
-        """Shows all states to an observer; `also` then gets the `Looks` of its states.
+    def show_states_to(self, observer: Observer, also: Callable[..., None] | None = None) -> None:
+        """Shows all states to an observer; `also` then gets the `StepLateness` of its states.
 
         `SoterError` D006 if the recording contradicts itself, or has an impossible state.
         """
         if also is not None:
-            observer.also = partial(also, looks=self._looks)
+            observer.also = partial(also, looks=self._lateness)
         for rows in self._read_blocks():
             try:
-                observer.see(rows)
+                observer.observe_states(rows)
             except (ValueError, LookupError) as error:
                 why = f"up to {self.last_ns} ns a state is none: {error}"
-                raise self._cannot_read(f"it is damaged: {why}") from error
+                raise self._unreadable(f"it is damaged: {why}") from error
 
     # ------------------------------------------------------------ the file
 
@@ -100,30 +100,30 @@ class FlightRecording:
             with open_finite_file(self.path) as file:
                 yield file
         except OSError as error:
-            raise self._cannot_read(reason(error)) from error
+            raise self._unreadable(reason(error)) from error
 
     def _read_head(self, file: BinaryIO) -> int:
-        """Checks which system flew, and returns the seed."""
+        """Checks that this system flew, with these parameters, and gives the seed."""
         head, _, _ = file.read(HEAD_MAX).partition(b"\n\n")
         file.seek(len(head) + 2)
         first, *lines = head.decode("utf-8", "replace").split("\n")
         if first != FIRST_LINE:
-            raise self._cannot_read("it does not begin as a recording does")
+            raise self._unreadable("it does not begin as a recording does")
         fields_of_head = dict(line.partition("=")[::2] for line in lines)
         seed, now = fields_of_head.pop("seed", ""), flight_head(self.system, self._layout)
         for name in sorted(now.keys() | fields_of_head.keys()):
             was, here = (fields_of_head.get(name, "the default"), now.get(name, "the default"))
             if was != here:
                 name_shown = visible(name.removeprefix("param "))
-                raise self._another_flight(
+                raise self._other_flight(
                     f"{name_shown} was {visible(was)[:80]} in it, and is {here} here"
                 )
         if not seed.isdecimal():
-            raise self._cannot_read("it does not say its seed")
+            raise self._unreadable("it does not say its seed")
         return int(seed)
 
     def _read_blocks(self) -> Iterator[npt.NDArray[np.uint8]]:
-        """Yields the states in blocks, (n, size) bytes, up to where one is missing."""
+        """Yields the states in blocks, (n, size) bytes, up to the first missing one."""
         with self._open_file() as file:
             self._read_head(file)
             begin, announced, size = file.tell(), self._read_end(file), self._record.itemsize
@@ -131,23 +131,23 @@ class FlightRecording:
             number = 0
             while data := file.read(size * BLOCK):
                 records = np.frombuffer(data[: len(data) // size * size], dtype=self._record)
-                whole = self._records_in_sequence(records, number)
-                number += len(whole)
-                if len(whole):
-                    yield self._note_records(whole)
-                if len(whole) < len(records):
-                    missing = int(records["number"][len(whole)]) - number
+                ordered = self._records_in_sequence(records, number)
+                number += len(ordered)
+                if len(ordered):
+                    yield self._note_records(ordered)
+                if len(ordered) < len(records):
+                    missing = int(records["number"][len(ordered)]) - number
                     self.cut = self._missing_text(missing)
                     return
         if announced is None:
             self.cut = CUT
         elif announced < number:
-            raise self._cannot_read("it is damaged: it has more instants than its end says")
+            raise self._unreadable("it is damaged: it has more instants than its end says")
         elif announced > number:
             self.cut = self._missing_text(announced - number)
 
     def _read_end(self, file: BinaryIO) -> int | None:
-        """How many instants the end says, once its hash is compared; None: the end is missing."""
+        """Checks the hash in the end, and gives its number of instants; None without an end."""
         begin = file.tell()
         size = file.seek(0, 2)
         file.seek(max(size - END_BYTES, begin))
@@ -160,34 +160,34 @@ class FlightRecording:
             digest.update(data)
             left -= len(data)
         if digest.hexdigest().encode() != end[2]:
-            raise self._cannot_read("it is damaged: its end has the hash of something else")
+            raise self._unreadable("it is damaged: its end has the hash of something else")
         return int(end[1])
 
     def _records_in_sequence(self, records: npt.NDArray[Any], number: int) -> npt.NDArray[Any]:
-        """The records up to the first one out of sequence; `SoterError` D006 for wrong ones."""
+        """The records up to the first gap in their numbers; `SoterError` D006 for wrong records."""
         numbers = records["number"].astype(np.int64)
         due = np.arange(number, number + len(records))
         fits = numbers == due
-        whole = records[: len(records) if fits.all() else int(np.argmin(fits))]
-        cts = whole["state"][:, :8].copy().view("<i8")[:, 0]
-        times = np.concatenate(([self.last_ns if number else -1], whole["ct"]))
-        backwards = len(whole) < len(records) and numbers[len(whole)] < due[len(whole)]
-        if backwards or (np.diff(times) <= 0).any() or (cts != whole["ct"]).any():
-            raise self._cannot_read(f"it is damaged: instants behind {times[-1]} ns in no order")
-        return whole
+        ordered = records[: len(records) if fits.all() else int(np.argmin(fits))]
+        cts = ordered["state"][:, :8].copy().view("<i8")[:, 0]
+        times = np.concatenate(([self.last_ns if number else -1], ordered["ct"]))
+        backwards = len(ordered) < len(records) and numbers[len(ordered)] < due[len(ordered)]
+        if backwards or (np.diff(times) <= 0).any() or (cts != ordered["ct"]).any():
+            raise self._unreadable(f"it is damaged: instants behind {times[-1]} ns in no order")
+        return ordered
 
     def _note_records(self, records: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
-        """The states of these records; notes lateness, misses and the last time."""
+        """Notes the lateness, misses and last time of these records, and gives their states."""
         self.misses += int(records["misses"].sum())
         self.last_ns = int(records["ct"][-1])
-        self._looks.clear()
+        self._lateness.clear()
         for module in self.system.modules:
             late, done = (
                 records[name][:, module.index] for name in ("late_ns", "done_by_module_ns")
             )
             for row in np.flatnonzero(late != NEVER):
                 key = int(records["ct"][row]), module.name
-                self._looks[key] = int(late[row]), int(done[row])
+                self._lateness[key] = int(late[row]), int(done[row])
         return np.ascontiguousarray(records["state"])
 
     def _missing_text(self, count: int) -> str:
@@ -197,12 +197,12 @@ class FlightRecording:
             "had no room for more"
         )
 
-    def _cannot_read(self, why: str) -> SoterError:
+    def _unreadable(self, why: str) -> SoterError:
         helps = ("`--record FILE` of a program of `soter build --target posix` writes one",)
         text = f"cannot read the recording `{visible(str(self.path))}`: {why}"
         return mistake("D006", text, *helps)
 
-    def _another_flight(self, why: str) -> SoterError:
+    def _other_flight(self, why: str) -> SoterError:
         helps = ("the same program, system and parameters as were built, by the same Soter",)
         text = f"`{visible(str(self.path))}` is of another flight: {why}"
         return mistake("D023", text, *helps)

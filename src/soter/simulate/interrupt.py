@@ -1,10 +1,10 @@
-"""Ctrl-C and its like during a run: stop at the end of an instant and keep what was reached.
+"""Lets Ctrl-C and similar signals stop a run at the end of an instant; its result is kept.
 
-Purpose: while a run goes on, SIGINT (Ctrl-C), SIGTERM or SIGHUP asks it to stop; inside an
-extern, which may never come back, it also breaks that call off. So a `KeyboardInterrupt` that an
-extern raises by itself is told from a person's, and is the extern's fault.
-Non-goals: threads other than the main one, which get no signals; C code that hangs (it never
-lets Python's handlers run).
+Purpose: during a run SIGINT (Ctrl-C), SIGTERM or SIGHUP asks it to stop. In an extern's code, which
+may never return, the signal also ends that call. So a `KeyboardInterrupt` that an extern raises
+itself differs from a user's Ctrl-C, and is the extern's fault.
+Non-goals: threads other than the main one, which get no signals; C code that hangs, during which
+Python's handlers do not run.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ ANY_END = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class StopRequest:
-    """`wanted`: a signal came, `signal` which one; `in_extern`: an extern's code is running."""
+    """A request to stop. `wanted`: signal number `signal` came; `in_extern`: an extern runs."""
 
     def __init__(self) -> None:
         self.wanted = False
@@ -34,10 +34,10 @@ class StopRequest:
         self.running = False
         self.signal = 0
 
-    def on_signal(self, number: int, _frame: FrameType | None) -> None:
-        """Notes a signal; a run then stops by itself, at the end of an instant.
+    def note_signal(self, number: int, _frame: FrameType | None) -> None:
+        """Handles a signal: notes it, so that a run stops at the end of an instant.
 
-        It raises `Stop` in an extern's code, and `KeyboardInterrupt`, once, outside of a run.
+        It raises `Stop` in an extern's code, and `KeyboardInterrupt` once, outside a run.
         """
         again, self.wanted = self.wanted, True
         self.signal = self.signal or number
@@ -60,14 +60,14 @@ def current_stop_request() -> StopRequest:
 def receiving_signals(
     request: StopRequest, numbers: tuple[signal.Signals, ...] = INTERRUPT
 ) -> Iterator[None]:
-    """Makes a `with` block in which signals reach the request; other handlers stay."""
+    """A `with` block in which signals reach the request; a caller's own handlers stay."""
     if threading.current_thread() is not threading.main_thread() or request in _listening:
         yield
         return
     before = {n: h for n in numbers if (h := signal.getsignal(n)) is _default_handler(n)}
     _listening.append(request)
     for number in before:
-        signal.signal(number, request.on_signal)
+        signal.signal(number, request.note_signal)
     try:
         yield
     finally:
@@ -80,7 +80,7 @@ def receiving_signals(
 def stoppable_run(
     request: StopRequest, numbers: tuple[signal.Signals, ...] = INTERRUPT
 ) -> Iterator[None]:
-    """Makes a `with` block for a run, which signals stop at the end of an instant."""
+    """A `with` block for a run, which signals stop at the end of an instant."""
     with receiving_signals(request, numbers):
         request.running = True
         try:
@@ -94,8 +94,8 @@ def signal_name(request: StopRequest) -> str:
     return signal.Signals(request.signal).name if request.signal else "interrupted"
 
 
-def raise_again(request: StopRequest) -> NoReturn:
-    """Does what the signal would have done without a run: ends the process or KeyboardInterrupt."""
+def raise_signal_again(request: StopRequest) -> NoReturn:
+    """Raises KeyboardInterrupt for Ctrl-C; for another signal, sends it to this process again."""
     if request.signal not in (0, signal.SIGINT):
         signal.raise_signal(request.signal)
     raise KeyboardInterrupt

@@ -1,8 +1,8 @@
-"""Checks whether a module's own `safe` holds on its topics when an instant is over.
+"""Checks whether a module's own `safe` holds on its topics at the end of an instant.
 
 Purpose: `CompiledSafe` evaluates the predicates in C, beside a program that runs natively;
-`InterpretedSafe` in the interpreter, for other runs. `SafeTally` counts the looks of each DM after
-whose instant `safe` was false, that is, after nodes behind the DM have stepped.
+`InterpretedSafe` evaluates them in Python, for other runs. `SafeTally` counts the looks (steps) of
+each DM after whose instant `safe` was false, that is, after the nodes behind the DM have stepped.
 Non-goals: properties, which are judged on the truth; why a DM decided (`explain_decision.py`).
 """
 
@@ -41,10 +41,10 @@ if TYPE_CHECKING:
 
 
 class SafeJudge(Protocol):
-    """An object that judges `safe` of a module."""
+    """An object that evaluates `safe` of modules on states."""
 
-    def is_false(self, module: int, states: States, rows: Sequence[int]) -> list[bool] | None:
-        """For each row of the states, (n,), whether `safe` is false there; a fault counts as false.
+    def false_flags(self, module: int, states: States, rows: Sequence[int]) -> list[bool] | None:
+        """For each of `rows` of the states, (n,), whether `safe` is false; a fault counts as false.
 
         None if `safe` calls an extern function, which only the run itself may call.
         """
@@ -54,7 +54,7 @@ class SafeJudge(Protocol):
 
 
 class JudgedUnit(UnitBuilder):
-    """Builds the unit of a system with `<prefix>_safe`, a row for each module in `judged`."""
+    """Builds the C of a system with a table `<prefix>_safe`: a row for each module in `judged`."""
 
     def __init__(self, system: System, core: CoreSystem) -> None:
         table = FunctionTable(system)
@@ -70,7 +70,7 @@ class JudgedUnit(UnitBuilder):
 
     @staticmethod
     def added_names(system: System) -> tuple[str, ...]:
-        """The names of the table and of each module's predicate."""
+        """The names that this adds to the C: of the table, and of each module's predicate."""
         return ("safe", *(f"safe_{m.index}" for m in system.modules))
 
     def added_definitions(self) -> list[c.CTop]:
@@ -115,8 +115,8 @@ class CompiledSafe:
             name = f"{unit.prefix}_safe"
             self._table = address(library.ffi, path, name, "const soter_property_info *")
 
-    def is_false(self, module: int, states: States, rows: Sequence[int]) -> list[bool] | None:
-        """See `SafeJudge.is_false`; `states`, (n,), lie in order."""
+    def false_flags(self, module: int, states: States, rows: Sequence[int]) -> list[bool] | None:
+        """See `SafeJudge.false_flags`; `states`, (n,), are contiguous."""
         if module not in self._row:
             return None
         judge, size = self._table[self._row[module]].violated, states.dtype.itemsize
@@ -132,10 +132,10 @@ class InterpretedSafe:
 
     def __init__(self, system: System, layout: StateLayout) -> None:
         explainer = Explainer(system, layout)
-        self._holds = [explainer.safe(m.index) for m in system.modules]
+        self._holds = [explainer.safe_predicate(m.index) for m in system.modules]
 
-    def is_false(self, module: int, states: States, rows: Sequence[int]) -> list[bool] | None:
-        """See `SafeJudge.is_false`, for `states`, (n,)."""
+    def false_flags(self, module: int, states: States, rows: Sequence[int]) -> list[bool] | None:
+        """See `SafeJudge.false_flags`, for `states`, (n,)."""
         holds = self._holds[module]
         return None if holds is None else [not holds(states[row].tobytes()) for row in rows]
 
@@ -145,9 +145,9 @@ class InterpretedSafe:
 
 @dataclass(frozen=True)
 class SafeLooks:
-    """Looks of a module's DM with fresh reads, those in which `safe` was false, and when.
+    """How many looks of a module's DM had fresh reads, and in how many `safe` was false.
 
-    `outside` is None where `safe` was not judged.
+    `outside`, the second number, is None if `safe` was not judged.
     """
 
     looks: int = 0
@@ -156,22 +156,22 @@ class SafeLooks:
 
 
 class SafeTally:
-    """Counts, for each module, the states after looks of its DM in which `safe` is false."""
+    """Counts for each module the looks of its DM after which `safe` was false."""
 
     def __init__(self, system: System, judge: SafeJudge) -> None:
         self._judge = judge
         self._inputs = [_published_reads(system, m) for m in system.modules]
         self.looks = [SafeLooks() for _ in system.modules]
 
-    def see(self, states: States, due: npt.NDArray[np.bool_]) -> None:
-        """Takes the next states, (n,), and in which of them each DM has looked, (n, modules)."""
+    def count_looks(self, states: States, due: npt.NDArray[np.bool_]) -> None:
+        """Counts the looks in the next states, (n,); `due`: which DM has looked, (n, modules)."""
         fresh = due & (states["modules"]["stale"] == 0)
         for module, needed in enumerate(self._inputs):
-            of_module = fresh[:, module]
+            looked = fresh[:, module]
             if needed:
-                of_module = of_module & (states["stamps"][:, needed] != NEVER).all(axis=1)
-            rows = np.flatnonzero(of_module).tolist()
-            false = self._judge.is_false(module, states, rows)
+                looked = looked & (states["stamps"][:, needed] != NEVER).all(axis=1)
+            rows = np.flatnonzero(looked).tolist()
+            false = self._judge.false_flags(module, states, rows)
             if false is not None:
                 before = self.looks[module]
                 first_s = before.first_outside_s
@@ -182,6 +182,6 @@ class SafeTally:
 
 
 def _published_reads(system: System, m: Module) -> list[int]:
-    """Topics that `safe` reads and components publish; at first they hold only defaults."""
+    """The topics that `safe` reads and components publish, which first hold only defaults."""
     read = {m.scope.topics[t] for t in topic_reads(m.symbol.safe)}
     return sorted(read - set(environment_topics(system)))

@@ -1,10 +1,10 @@
 """Runs a system in real time, by its package of target `posix`.
 
-Purpose: the package is compiled, kept and started. `run_real_time` serves `soter run --real-time`;
-`run_recorded` serves `--recorded`, for a run that was made with the package. The result is like
-that of any run; `Run.timing` has the driver's report, if the run was made now.
+Purpose: it compiles the package, caches it and starts it. `run_real_time` is for `soter run
+--real-time`; `run_recorded` is for `--recorded`, a run that such a package has recorded. The result
+is like that of any run; after `run_real_time`, `Run.timing` has the driver's report.
 Non-goals: the driver (`runtime/posix/`), reading recordings (`flight_recording.py`), processes of
-externs (`externs/extern_process.py`), what is told of a run (`run_observer.py`).
+externs (`externs/extern_process.py`), the record of a run (`run_observer.py`).
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ import numpy as np
 
 from soter.core.layout import state_dtype, state_layout
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.language.load.named_files import is_in_python
-from soter.native.cache import cached, digest
-from soter.native.compiler import STRICT, compile_with, find_compiler, python_module
+from soter.language.load.named_files import is_answered_by_python
+from soter.native.cache import cached_folder, digest
+from soter.native.compiler import STRICT, compile_with, find_compiler, module_command
 from soter.simulate.externs.extern_process import write_spec
 from soter.simulate.flight_recording import FlightRecording
 from soter.simulate.result import Run
 from soter.simulate.run_observer import Observer, make_observer, named_parts
 from soter.targets.posix_package import extern_nodes, posix_package
-from soter.workers.child_process import end_with, resume
+from soter.workers.child_process import end_with_parent, resume_child
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -54,7 +54,7 @@ MEMORY_MIB = 16_384
 """The memory limit of such a process, in MiB: Python reserves much more than it uses."""
 FINE = (0, 3, 4, 130)
 RECORDED = "recorded"
-"""Stands in the place of an engine's name."""
+"""The engine's name of a run that was recorded."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class BuiltPackage:
 
 
 def why_not_real_time(bindings: Bindings, engine: str) -> str:
-    """Why a run cannot be in real time, only paced by the clock; "" if it can."""
+    """The reason why a run cannot be in real time, but only paced by the clock; "" if it can."""
     if engine != "native":
         return "the interpreter has no clock"
     if sys.platform != "linux":
@@ -81,7 +81,7 @@ def why_not_real_time(bindings: Bindings, engine: str) -> str:
 
 
 def build_package(system: System, core: CoreSystem) -> BuiltPackage:
-    """The package, from the cache or compiled now; `SoterError` X004, X008."""
+    """The compiled package, from the cache or compiled now; `SoterError` X004, X008."""
     if system.externals:
         raise SoterError((_external_topics_error(system),))
     compiler = find_compiler()
@@ -91,15 +91,15 @@ def build_package(system: System, core: CoreSystem) -> BuiltPackage:
     texts = [x for f in package.files for x in (f.path, f.text)]
     names = tuple(package.programs)
 
-    def make(work: Path) -> None:
+    def build(work: Path) -> None:
         package.folder = work / "sources"
         package.write()
         for name, rest in package.programs.items():
             command = [*compiler.command, *flags, "-o", str(work / name), *rest, "-lm"]
             compile_with(command, package.folder, "the C of this program does not compile")
 
-    folder = cached(
-        f"posix-{program[:32]}", digest((compiler.identity, *flags, *texts)), names, make
+    folder = cached_folder(
+        f"posix-{program[:32]}", digest((compiler.identity, *flags, *texts)), names, build
     )
     return BuiltPackage(folder, program)
 
@@ -124,7 +124,7 @@ def run_real_time(
     also: Callable[..., None] | None = None,
     quiet: bool = False,
 ) -> Run:
-    """Runs in real time, to `until_ns` or until `stop` is wanted; the trace is (instants,).
+    """Runs a system in real time, to `until_ns` or until `stop`; the trace is (instants,).
 
     `SoterError` X004, X008 if it cannot be built, X011 if the driver does not run.
     """
@@ -139,7 +139,7 @@ def run_real_time(
         cut = UNRECORDED
         if (work / "states").exists():
             recording = FlightRecording(work / "states", system)
-            recording.show_to(observer, also)
+            recording.show_states_to(observer, also)
             cut = recording.cut
     run = _finished_run(system, observer, keep_trace, seed, wall_s=wall, duration_s=until_ns / 1e9)
     run.interrupted, run.timing, run.cut = bool(timing["stopped"]), timing, cut
@@ -154,10 +154,10 @@ def run_recorded(
     hash_trace: bool = False,
     also: Callable[..., None] | None = None,
 ) -> Run:
-    """The run in a recording; `cut` says why the recording was not read to its end."""
+    """The `Run` in a recording; its `cut` says why the recording was not read to its end."""
     system, began = recording.system, time.perf_counter()
     observer = make_observer(system, state_layout(system), keep_trace, hash_trace=hash_trace)
-    recording.show_to(observer, also)
+    recording.show_states_to(observer, also)
     wall, flown = time.perf_counter() - began, recording.last_ns / 1e9
     run = _finished_run(system, observer, keep_trace, recording.seed, wall_s=wall, duration_s=flown)
     run.cut, run.misses_recorded, run.engine = recording.cut, recording.misses, RECORDED
@@ -173,7 +173,7 @@ def _finished_run(
     wall_s: float,
     duration_s: float,
 ) -> Run:
-    """The `Run` of what an observer saw."""
+    """The `Run` with the states that an observer got."""
     layout = state_layout(system)
     dtype = state_dtype(layout)
     last = observer.last if observer.last is not None else np.zeros(layout.size, dtype=np.uint8)
@@ -201,16 +201,16 @@ def _run_driver(
     *,
     quiet: bool,
 ) -> dict[str, Any]:
-    """Runs the driver and returns its report; `SoterError` X011 if there is none."""
+    """Runs the driver and gives its report; `SoterError` X011 if there is no report."""
     program = _executable_copy(built, work)
     command = [str(program), "--json", "--seed", str(seed), "--until", f"{until_ns / 1e9!r}"]
     command += ["--record", str(work / "states"), "--wait", str(WAIT_S)]
     command += ["--worker-memory", str(MEMORY_MIB), "--quiet", *([] if quiet else ["--live"])]
     for node in extern_nodes(bindings.system):
-        if is_in_python(node.binding):
+        if is_answered_by_python(node.binding):
             spec = work / f"worker_{node.index}"
             write_spec(bindings.system, node, seed, spec)
-            words = python_module("soter.simulate.externs.extern_process", str(spec))
+            words = module_command("soter.simulate.externs.extern_process", str(spec))
             command += ["--worker", f"{node.name}=exec {shlex.join(words)}"]
     out, errors = (os.fdopen(os.memfd_create(name), "w+b") for name in ("report", "said"))
     with out, errors:  # on no disk, which may be full
@@ -218,12 +218,12 @@ def _run_driver(
             command,
             stdout=out,
             stderr=errors if quiet else None,
-            preexec_fn=partial(end_with, os.getpid()),  # noqa: PLW1509 - no thread runs yet
+            preexec_fn=partial(end_with_parent, os.getpid()),  # noqa: PLW1509 - no thread runs yet
         )
         while process.poll() is None:
             if stop.wanted:
                 process.terminate()
-            resume(process.pid)
+            resume_child(process.pid)
             time.sleep(LOOK_S)
         out.seek(0)
         errors.seek(0)
@@ -236,7 +236,7 @@ def _run_driver(
 
 
 def _executable_copy(built: BuiltPackage, work: Path) -> Path:
-    """The path of an executable copy of the program: files in the cache may not be executed."""
+    """Makes an executable copy of the program, as files in the cache are not executable."""
     for path in built.folder.iterdir():
         if path.name != "seals":
             (work / path.name).symlink_to(path) if path.is_dir() else shutil.copy2(path, work)

@@ -1,4 +1,4 @@
-"""The result of a run: what happened, by the names people use.
+"""The result of a run: its final state, its trace, its violations, its notes.
 
 Purpose: a `Run` gives the final state and, if a trace was kept, violations, modules, topics, truths
 and plain arrays; its notes point at results that look fine and probably are not.
@@ -11,7 +11,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from soter.core.layout import ac_share, group_field
+from soter.core.layout import ac_share, field_name_of_group
 from soter.diagnostics.diagnostic import mistake
 from soter.diagnostics.similar_names import nearest_or_all
 from soter.language.evaluate.arithmetic import FaultKind
@@ -36,15 +36,15 @@ if TYPE_CHECKING:
     from soter.simulate.run_observer import FirstFault, ModeChange
 
 TOGETHER_MIN = 4
-"""In at least this many decisions ttf and safer must have held together for a note."""
+"""A note is given if ttf and safer held together in at least this many decisions."""
 
 
 @dataclass(frozen=True)
 class Violation:
-    """A violation: an onset of a violated property, or a latched component.
+    """A violated property, or a component that a step fault has latched.
 
-    `time_s` is the first onset; `count` how many onsets there were; `span` where the property
-    or the component's declaration stands.
+    `time_s`: when it was first violated; `count`: how often a violation began; `span`: the place of
+    the property or of the component's declaration.
     """
 
     what: str
@@ -56,11 +56,11 @@ class Violation:
 
 @dataclass(frozen=True)
 class ModuleSummary:
-    """What one module did. `ac_share` is the share of time in mode AC.
+    """The figures of one module in a run. `ac_share` is the share of time in mode AC.
 
-    `outside`: of `looks` of its DM with fresh reads, in how many its own `safe` was false on what
-    topics held after them; None where nobody judged (a run that was neither hashed nor traced, a
-    `safe` that asks an extern function).
+    `looks`: the looks of its DM with fresh reads. `outside`: after how many of these its own `safe`
+    was false on its topics; None if that was not judged (a run that was neither hashed nor traced,
+    or a `safe` that calls an extern function).
     """
 
     ac_share: float
@@ -71,7 +71,7 @@ class ModuleSummary:
     outside: int | None = None
     first_outside_s: float | None = None
     nan_looks: int = 0
-    """How many DM steps compared a NaN in `ttf` or `safer`; 65,535: that many or more."""
+    """How many DM steps compared a NaN in `ttf` or `safer`; 65,535 means that many or more."""
 
 
 @dataclass(eq=False, repr=False, kw_only=True)
@@ -81,9 +81,9 @@ class Run:
     `trace` has one record per instant (dtype `state_dtype`), or is None. Where only some parts
     were `recorded`, its records have those.
 
-    `duration_s` is what was asked for, `reached_s` the time of the last instant; they differ
-    where the run was `interrupted`. `changes` and `first_faults` are filled where the run was
-    hashed or traced.
+    `duration_s` is the requested length, `reached_s` the time of the last instant; they differ if
+    the run was `interrupted`. `changes` and `first_faults` are filled if the run was hashed or
+    traced.
     """
 
     system: System
@@ -105,11 +105,11 @@ class Run:
     first_faults: dict[int, FirstFault] = field(default_factory=dict)
     interrupted: bool = False
     lag_s_max: float | None = None
-    """How late the latest instant was, where the run was paced against the clock."""
+    """The greatest lateness of an instant in s, if the run was paced by the clock; else None."""
     timing: dict[str, Any] | None = None
     """What the real-time driver reported (docs/json.md); None: virtual time."""
     paced: str = ""
-    """Why a run that was asked for in real time was only paced."""
+    """Why a run that was to be in real time was only paced by the clock; "" if it was not."""
     externs: dict[str, str] = field(default_factory=dict)
     """What answered each extern, in words."""
     extern_files: dict[str, dict[str, str]] = field(default_factory=dict)
@@ -126,13 +126,13 @@ class Run:
     """By module with a shield `toward sc`: commands that AC published in control, and those of
     them that were moved (hashed or traced runs); else zeros."""
     safe_looks: list[SafeLooks] = field(default_factory=list)
-    """By module: in which looks of its DM its own `safe` was false (hashed or traced runs)."""
+    """By module: after how many looks of its DM `safe` was false (hashed or traced runs)."""
     cut: str = ""
-    """Why a recording of it was not read to its end; "" where it was, and in virtual time."""
+    """Why its recording was not read to its end; "" if it was, and in virtual time."""
     misses_recorded: int = 0
     """How often the trusted part was late in a recorded flight."""
     page: Callable[[Run], str] | None = field(default=None, repr=False, compare=False)
-    """Makes the report as one HTML text, "" where it cannot be made; for notebooks."""
+    """A function that makes the report as one HTML text for notebooks, "" if it cannot."""
 
     def __repr__(self) -> str:
         count = f"{self.violations} violation{'' if self.violations == 1 else 's'}"
@@ -144,8 +144,8 @@ class Run:
 
     @property
     def never_answered(self) -> dict[str, int]:
-        """The externs that failed in every step that they were asked for, and in how many."""
-        faults = self._faults
+        """The number of steps of each extern that failed in all of them, by its name."""
+        faults = self._fault_counts
         return {
             name: tally.steps
             for name, tally in self.extern_tallies.items()
@@ -154,21 +154,21 @@ class Run:
 
     @property
     def late(self) -> bool:
-        """Whether, in real time, the trusted part was late more often than is allowed."""
+        """Whether, in real time, the trusted part was late more often than allowed."""
         timing = self.timing
         return timing is not None and bool(timing["misses"] > timing["misses_allowed"])
 
     @property
     def failures(self) -> list[str]:
         """A sentence on the first failure of each extern."""
-        often = {n: "once" if k == 1 else f"{k:,} times" for n, k in self._faults.items()}
+        often = {n: "once" if k == 1 else f"{k:,} times" for n, k in self._fault_counts.items()}
         for name, steps in self.never_answered.items():
             often[name] = f"in every step ({steps:,}), nothing of it was tried"
         return [f"{n} failed {often.get(n, '')}: {why}" for n, why in self.extern_failures.items()]
 
     @property
-    def _faults(self) -> Counter[str]:
-        """Step faults by component."""
+    def _fault_counts(self) -> Counter[str]:
+        """The number of step faults of each component, by its name."""
         rows = self.final["components"]
         return Counter({x.name: int(rows[x.index]["faults"]) for x in self.system.components})
 
@@ -187,7 +187,7 @@ class Run:
 
     @property
     def notes(self) -> list[str]:
-        """Sentences that a person should read about this run."""
+        """Sentences on facts about this run that a user should know."""
         return _run_notes(self)
 
     @property
@@ -228,7 +228,7 @@ class Run:
                         "fault",
                         None if first is None else first.time_ns / 1e9,
                         1,
-                        _declaration(component),
+                        _declaration_place(component),
                     )
                 )
         return violations
@@ -275,10 +275,7 @@ class Run:
         return _kept_trace(self)["header"]["ct"] / 1e9
 
     def topic(self, name: str) -> npt.NDArray[Any]:
-        """Values of a topic after every instant, (n,); records have fields.
-
-        `<plant>.truth` is a plant's true state.
-        """
+        """Values of a topic, or of `<plant>.truth`, by instant, (n,); records have fields."""
         return _trace_values(self, name)[1]
 
     def truth(self, plant: str) -> npt.NDArray[Any]:
@@ -306,7 +303,7 @@ class Run:
 
     def _traced_module(self, name: str) -> tuple[Module, npt.NDArray[Any]]:
         trace = self.require_trace()
-        self.mode(name)  # is there such a module?
+        self.mode(name)  # SoterError U001 for an unknown module
         return next(m for m in self.system.modules if m.name == name), trace
 
     def array(self, path: str) -> npt.NDArray[np.float64]:
@@ -317,8 +314,8 @@ class Run:
         return _trace_array(self, path)
 
 
-def _declaration(x: Component) -> Span:
-    """The place of a component's code, not the place where a system uses it."""
+def _declaration_place(x: Component) -> Span:
+    """The place of the declaration of a component's node or plant, not of its use in a system."""
     declared = x.node or x.plant
     return declared.span if declared is not None else x.span
 
@@ -345,9 +342,9 @@ def _trace_values(run: Run, name: str) -> tuple[Type, npt.NDArray[Any]]:
     for group in run.layout.groups:
         x = run.system.components[group.owner] if group.owner >= 0 else None
         if x is not None and x.plant is not None and name == f"{x.name}.truth":
-            return x.plant.truth, _kept_trace(run, name)[group_field(group)]
+            return x.plant.truth, _kept_trace(run, name)[field_name_of_group(group)]
     raise mistake(
-        "U001", f"the run has no topic and no truth `{name}`", nearest_or_all(name, _names(run))
+        "U001", f"the run has no topic and no truth `{name}`", nearest_or_all(name, _signals(run))
     )
 
 
@@ -363,7 +360,7 @@ def _module_mode(run: Run, module: str) -> npt.NDArray[np.uint8]:
 
 def _trace_array(run: Run, path: str) -> npt.NDArray[np.float64]:
     """A topic, a truth or a part of one as floats: (n,) or (n, k); SoterError U001."""
-    known = [n for n in _names(run) if path == n or path.startswith(f"{n}.")]
+    known = [n for n in _signals(run) if path == n or path.startswith(f"{n}.")]
     name = max(known, key=len, default=path)
     t, values = _trace_values(run, name)
     for part in path[len(name) + 1 :].split(".") if len(path) > len(name) else ():
@@ -378,7 +375,7 @@ def _trace_array(run: Run, path: str) -> npt.NDArray[np.float64]:
     return numbers if isinstance(t, (RecordType, ArrayType)) else numbers[:, 0]
 
 
-def _names(run: Run) -> list[str]:
+def _signals(run: Run) -> list[str]:
     truths = [f"{x.name}.truth" for x in run.system.components if x.plant is not None]
     return [*(t.name for t in run.system.topics), *truths]
 
@@ -432,7 +429,7 @@ def _late_notes(run: Run) -> Iterator[str]:
 
 
 def silence_words(timing: dict[str, Any]) -> list[str]:
-    """Says, for each module, what actuators did in the longest silence of a real-time run."""
+    """For each module a sentence on its actuators in the longest silence of a real-time run."""
     laws = {name: of["silence_law_ns"] for name, of in timing["leases"].items()}
     return [
         f"{name} was held by its law for the last {laws[name] / 1e6:.1f} ms of it"

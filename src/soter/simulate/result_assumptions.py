@@ -1,7 +1,7 @@
-"""The assumptions of a result, and what it does not show: assumptions are output.
+"""The assumptions of a result in words, as every result has to print them.
 
-Purpose: `verdicts` says which of the paper's properties of a module are proved; `run_assumptions`
-puts everything that a run takes for granted into words.
+Purpose: `verdict_by_property` says which of the paper's properties of a module are proved;
+`run_assumptions` gives a sentence for each assumption of a run.
 Non-goals: proving (`verify/`).
 """
 
@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 PROVED = ("P1a", "P1b")
 ASSUMED = ("P1c", "P2a", "P2b", "P3")
 NAMED_MAX = 2
-"""If a bound is that of more signals than this, the others are only counted."""
+"""If more signals than this have the same bound, they are counted, not named."""
 
 
-def verdicts(module: Module) -> dict[str, str]:
-    """`proved` or `assumed` for each property of a module in a well-formed program."""
-    del module  # all alike: nothing is proved here
+def verdict_by_property(module: Module) -> dict[str, str]:
+    """The verdict, `proved` or `assumed`, on each property of a module without `soter verify`."""
+    del module  # the same for every module
     return {**dict.fromkeys(PROVED, "proved"), **dict.fromkeys(ASSUMED, "assumed")}
 
 
@@ -42,9 +42,9 @@ def _map_assumptions(system: System, modules: Iterable[Module]) -> Iterator[str]
 
 
 def code_assumptions(system: System, proofs: Mapping[str, Proof] | None = None) -> list[str]:
-    """Assumptions about code: modules that may switch, externs that are trusted.
+    """Sentences on what is assumed of modules that may switch, and of trusted externs.
 
-    `proofs`: by module, if exactly this system was verified.
+    `proofs`: the proof of each module by name, if exactly this system was verified.
     """
     free = [module for module in system.modules if module.forced is None]
     assumptions = _proof_sentences(system, free, proofs or {})
@@ -69,7 +69,7 @@ def code_assumptions(system: System, proofs: Mapping[str, Proof] | None = None) 
 
 
 def _proof_sentences(system: System, free: list[Module], proofs: Mapping[str, Proof]) -> list[str]:
-    """Sentences on what is proved of modules, or assumed."""
+    """For each module a sentence on which of its properties are proved or assumed."""
     assumptions = [
         _proof_sentence(m.name, proofs[m.name]) + _unproved_code(system)
         for m in free
@@ -84,7 +84,7 @@ def _proof_sentences(system: System, free: list[Module], proofs: Mapping[str, Pr
 
 
 def _command_delay_ns(m: Module) -> int:
-    """How late a module's commands may act, in ns, as its `verify` block declares."""
+    """The greatest delay of a module's commands in ns, by `acts within` of its `verify` block."""
     acts = m.symbol.verify.acts
     return 0 if acts is None else int(Evaluator(m.scope.params).value(acts))
 
@@ -109,22 +109,22 @@ def _delay_note(m: Module) -> str:
 
 
 def _proof_sentence(name: str, proof: Proof) -> str:
-    """A sentence on what is proved of a module, and what is still assumed."""
+    """A sentence on which properties of a module are proved, assumed, undecided or refuted."""
     count = len(proof.assumptions)
     parts = []
-    if shown := proof.of("proved", *ASSUMED):
+    if shown := proof.names_with("proved", *ASSUMED):
         under = f"under {count} assumption{'' if count == 1 else 's'}"
         parts.append(f"{' '.join(shown)} proved {under} (by `soter verify`, of exactly this)")
-    if taken := proof.of("assumed", *ASSUMED):
+    if taken := proof.names_with("assumed", *ASSUMED):
         parts.append(f"{' '.join(taken)} assumed")
-    open_ = [(verdict, proof.of(verdict)) for verdict in ("undecided", "refuted")]
+    open_ = [(verdict, proof.names_with(verdict)) for verdict in ("undecided", "refuted")]
     parts += [f"{' '.join(missing)} {verdict}" for verdict, missing in open_ if missing]
-    safe = ": not a proof of safety" if proof.open else ""
+    safe = ": not a proof of safety" if proof.open_names else ""
     return f"{name}: {', '.join(parts)}{safe}"
 
 
 def _unproved_code(system: System) -> str:
-    """Says which code of the system no proof covers."""
+    """A clause that names the extern code that no proof covers; "" if there is none."""
     names = [x.name for x in system.components if x.extern and x.role != "ac"]
     names += [f.name for f in system.program.funs.values() if f.extern]
     if not names:
@@ -138,8 +138,8 @@ def _checker_of_runs(system: System) -> str:
     return f"(`soter build --cert` carries what was proved of {system.proved.name})"
 
 
-def forced_modules(system: System) -> list[str]:
-    """Sentences on modules that are forced, as the control arm of an experiment."""
+def forced_module_notes(system: System) -> list[str]:
+    """A sentence on each module that the system forces to one mode."""
     return [
         f"{m.name} is forced to {m.forced.upper()}: it protects nothing in this system"
         for m in system.modules
@@ -148,7 +148,7 @@ def forced_modules(system: System) -> list[str]:
 
 
 def environment_assumptions(system: System) -> list[str]:
-    """Assumptions about the plants and the inputs of a system."""
+    """Sentences on what is assumed of the plants and the inputs of a system."""
     assumptions = []
     for component in system.components:
         if component.plant is not None:
@@ -171,7 +171,7 @@ def environment_assumptions(system: System) -> list[str]:
 
 
 def step_assumptions(system: System) -> list[str]:
-    """Assumptions about how long steps take."""
+    """Sentences on how long steps take, for each component with such a time."""
     return [
         f"{x.name} takes {_interval_text(*x.takes_ns)} a step, drawn evenly; what it publishes "
         "counts then, and releases meanwhile are lost"
@@ -185,7 +185,7 @@ def _interval_text(low: int, high: int) -> str:
 
 
 def fault_assumptions(system: System) -> list[str]:
-    """Sentences on declared faults, and whether proofs permit them."""
+    """Sentences on declared faults: those that proofs allow for, and the others."""
     inside_by_text: dict[str, bool] = {}
     for fault in system.faults:
         if fault.on is None:
@@ -204,10 +204,10 @@ def fault_assumptions(system: System) -> list[str]:
 
 
 def run_assumptions(system: System, proofs: Mapping[str, Proof] | None = None) -> list[str]:
-    """All assumptions of a run of this system; `proofs` as in `code_assumptions`."""
+    """A sentence for each assumption of a run of this system; `proofs`: see `code_assumptions`."""
     taken = [
         *code_assumptions(system, proofs),
-        *forced_modules(system),
+        *forced_module_notes(system),
         *step_assumptions(system),
         *environment_assumptions(system),
     ]
@@ -231,7 +231,7 @@ def _plant_assumptions(system: System, x: Component) -> list[str]:
 
 
 def _error_bounds(system: System, x: Component) -> str:
-    """Each error bound with its unit and, if there are several, its signals."""
+    """The error bounds of a plant in words, with units; with signals if there are several."""
     signals: dict[str, list[str]] = {}
     for m in x.measured:
         topic = system.topics[m.topic]

@@ -1,10 +1,10 @@
-"""One virtual-time run of a system, on either engine, as fast as it can or against the wall clock.
+"""Runs a system in virtual time, natively or in the interpreter, at full speed or paced.
 
-Purpose: `NativeProgram.run` and `run_interpreted` run, hash and keep what is asked for; the result
-is the final state and, if wanted, the state after every instant, as numpy records of the documented
-layout. A run that is stopped half-way is a run until there. `state_bytes` writes a configuration of
-the interpreter as the bytes of the generated program's state, so that both engines give one trace.
-A `Pacer` lets no instant happen before its time on the clock, and notes how late the worst was.
+Purpose: `NativeProgram.run` and `run_interpreted` run a system, and hash or keep its states. The
+result has the final state and, if wanted, the state after every instant, as numpy records of the
+documented layout. A run that is stopped early has a result up to there. `state_bytes` writes a
+configuration of the interpreter as bytes of the generated program's state: both engines give one
+trace. A `Pacer` delays each instant to its time on the clock, and notes the greatest lateness.
 Non-goals: guarantees of time (the real-time runtime has priorities and a driver of its own);
 printing, logs, many runs at once (campaigns), finding externs (`native/extern_bindings.py`).
 """
@@ -39,8 +39,8 @@ from soter.semantics.faults import group_by_component, next_release
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.rules import next_instant
 from soter.simulate.externs.c_extern import linked_symbols
-from soter.simulate.externs.python_answers import ExternAnswers, failure_text, with_notes
-from soter.simulate.externs.python_extern import end_copy
+from soter.simulate.externs.python_answers import ExternAnswers, callables_with_notes, failure_text
+from soter.simulate.externs.python_extern import end_forked_copy
 from soter.simulate.interrupt import StopRequest
 from soter.simulate.module_safe_check import CompiledSafe, JudgedUnit
 from soter.simulate.result import Run
@@ -68,14 +68,14 @@ NAP_S = 0.01
 
 
 class Pacer:
-    """Waits until virtual times come; the clock starts with the first wait."""
+    """Waits on the wall clock until virtual times; the clock starts with the first wait."""
 
     def __init__(self) -> None:
         self._began_s: float | None = None
         self.lag_s_max = 0.0
 
     def wait(self, time_ns: int, stop: StopRequest) -> None:
-        """Sleeps until virtual time `time_ns`, or until somebody wants to stop."""
+        """Sleeps until virtual time `time_ns`, or until `stop` is wanted."""
         now_s = time.perf_counter()
         if self._began_s is None:
             self._began_s = now_s - time_ns / 1e9
@@ -103,7 +103,7 @@ def state_bytes(
         violations=record.violations,
     )
     at = layout.component_offset
-    late = group_by_component(system, of_time=True)
+    late = group_by_component(system, changes_releases=True)
     for component in system.components:
         counts = record.components[component.index]
         COMPONENT.pack_into(
@@ -160,18 +160,18 @@ def _next_release(x: Component, ct: int) -> int:
 
 CHUNK_BYTES = 4 * 1024 * 1024
 BLOCK = 1024
-"""With externs, after this many states at most the observer, and so the log, gets them."""
+"""With externs, the most states that wait before the observer, and so the log, gets them."""
 SLICE_NS = 1_000_000_000
-"""Without a trace, how much virtual time may pass until Ctrl-C is looked at."""
+"""Without a trace, how much virtual time passes, in ns, between two checks for Ctrl-C."""
 LARGE_C = 800_000
-"""From this many characters of C on it is compiled with less optimisation: for a thousand nodes in
-2 s instead of 5; the program then takes 1.4 times as long, to the same bits."""
+"""From this many characters on, C is compiled with less optimisation: for a thousand nodes in 2 s
+instead of 5. The program then takes 1.4 times as long, and computes the same bits."""
 BATCH = 64
-"""How many states of the interpreter are observed together."""
+"""How many states of the interpreter the observer gets at a time."""
 
 
 class LoadedProgram(NamedTuple):
-    """The compiled system, and what judges its modules' `safe`."""
+    """A compiled system that is loaded, and the object that evaluates its modules' `safe`."""
 
     library: Library
     judge: SafeJudge
@@ -193,7 +193,7 @@ class NativeProgram:
     ) -> None:
         self.system = system
         builder = JudgedUnit(system, core or lower(system))
-        self.unit: Unit = builder.run()
+        self.unit: Unit = builder.build_unit()
         self.layout = self.unit.layout
         self.dtype = state_dtype(self.layout)
         level = "-O2" if len(self.unit.source) < LARGE_C else "-Og"
@@ -204,7 +204,7 @@ class NativeProgram:
         self._keeps = bool(why_it_keeps_state(self.unit))
 
     def load(self) -> LoadedProgram:
-        """The loaded library; C that may keep state between calls is loaded afresh."""
+        """The loaded program; if its C may keep state between calls, a fresh copy of it."""
         if not self._keeps:
             return self._shared
         with library_copy(self._path) as path:
@@ -301,7 +301,7 @@ class _Drive:
             self.buffer = np.zeros((room, program.layout.size), dtype=np.uint8)
 
     def run_to(self, until_ns: int, progress: Progress | None, pacer: Pacer | None) -> bool:
-        """Runs to `until_ns`; False if somebody wanted to stop before."""
+        """Runs to `until_ns`; gives False if a stop was wanted before."""
         limit_ns = -1
         try:
             while True:
@@ -320,21 +320,21 @@ class _Drive:
             self._show_filled()
 
     def _next_limit(self, limit_ns: int, until_ns: int, pacer: Pacer | None) -> int:
-        """The virtual time to which to run before looking at Ctrl-C, progress and clock."""
+        """The virtual time at which the run next checks Ctrl-C, progress and clock."""
         if pacer is not None:
-            due_ns = min(self.library.next_instant(self.state), until_ns)
+            due_ns = min(self.library.next_instant_ns(self.state), until_ns)
             pacer.wait(due_ns, self.stop)
             return due_ns
         return until_ns if self.buffer is not None else min(limit_ns + SLICE_NS, until_ns)
 
     def _run_part(self, limit_ns: int) -> bool:
-        """Runs to `limit_ns`, a full buffer, or an extern, which it answers; True at the limit."""
+        """Runs to `limit_ns`, a full buffer or an extern, which it answers; True at the limit."""
         part = self.buffer[self.filled :] if self.buffer is not None else None
-        status, written, due = self.library.run(self.state, limit_ns, part)
+        status, written, due = self.library.run_until(self.state, limit_ns, part)
         _check_process(self.process)
         self.filled += written
         if status is RunStatus.EXTERN:
-            self.answers.answer(self.state, due)
+            self.answers.answer_step(self.state, due)
             if self.filled >= BLOCK:
                 self._show_filled()
         elif self.filled:
@@ -343,7 +343,7 @@ class _Drive:
 
     def _show_filled(self) -> None:
         if self.observer is not None and self.buffer is not None:
-            self.observer.see(self.buffer[: self.filled])
+            self.observer.observe_states(self.buffer[: self.filled])
         self.filled = 0
 
 
@@ -372,7 +372,8 @@ def run_interpreted(
 
     def show_waiting() -> None:
         if waiting:
-            observer.see(np.frombuffer(b"".join(waiting), np.uint8).reshape(-1, layout.size))
+            rows = np.frombuffer(b"".join(waiting), np.uint8).reshape(-1, layout.size)
+            observer.observe_states(rows)
             waiting.clear()
 
     def observe(c: Configuration, record: Record) -> None:
@@ -390,7 +391,8 @@ def run_interpreted(
     failures: dict[str, str] = {}
     tallies: dict[str, Tally] = {}
     began = time.perf_counter()
-    interpreter = Interpreter(system, seed, with_notes(system, bound or {}, failures, tallies))
+    noting = callables_with_notes(system, bound or {}, failures, tallies)
+    interpreter = Interpreter(system, seed, noting)
     finished = _interpret(interpreter, until_ns, observe)
     show_waiting()
     last = observer.last if observer.last is not None else np.zeros(layout.size, dtype=np.uint8)
@@ -415,7 +417,7 @@ def run_interpreted(
 def _interpret(
     interpreter: Interpreter, until_ns: int, observe: Callable[[Configuration, Record], None]
 ) -> bool:
-    """Runs the interpreter to `until_ns`; False if somebody wanted to stop before."""
+    """Runs the interpreter to `until_ns`; gives False if a stop was wanted before."""
     require_plain()
     try:
         interpreter.run(until_ns, observe)
@@ -427,8 +429,8 @@ def _interpret(
 
 
 def _check_process(process: int) -> None:
-    """Ends this process if an extern forked it; `SoterError` X012 if float settings changed."""
-    end_copy(process)
+    """Ends a process that an extern has forked; `SoterError` X012 if float settings changed."""
+    end_forked_copy(process)
     require_plain()
 
 

@@ -1,8 +1,8 @@
-"""The figures of a run as plain data: what `soter run --json` prints and a script reads.
+"""The figures of a run as plain data, for `soter run --json` and for scripts.
 
 Purpose: `DOCUMENT` lists the document's fields of a run; `final_values` gives the last values of
 topics and plants by full name, `component_faults` the faults; numbers are as JSON has them.
-Non-goals: printing; what only one example cares about, which it adds itself.
+Non-goals: printing; figures that only one example needs, which it adds itself.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 CHANGES_MAX = 1000
-"""The most mode changes in the document, which also says how many there were."""
+"""The most mode changes in the document; their total number is a field of its own."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class ExplainedStep:
 
 @dataclass(frozen=True)
 class ComponentFaults:
-    """The step faults of a component: the kind of the last, the time of the first."""
+    """The step faults of a component: their count, the last kind, the first time in s."""
 
     count: int
     last: str
@@ -121,7 +121,7 @@ def truth_value(layout: StateLayout, plant: Component, raw: bytes | memoryview) 
     return tuple([decode_from(raw, offset, t) for offset, t in places])
 
 
-def scalars(run: Run) -> dict[str, float]:
+def final_numbers(run: Run) -> dict[str, float]:
     """The numbers among the final values, by dotted path (`c.truth.x`)."""
     number_by_path: dict[str, float] = {}
 

@@ -1,9 +1,9 @@
-"""A run as a log and as values: an MCAP written, and read back; topics and true states by instant.
+"""Writes a run as an MCAP log, and reads a log or a trace into values by instant.
 
 Purpose: a `RunLog` has a channel for each topic and each plant's true state, for modes, and for
 every DM step with its reason, all in virtual time (`report/mcap_log.py` writes the file);
 `read_log` reads it. A `RecordedRun` has topics and true states after every instant, in one form for
-a traced run and for its log, so that they can be judged afterwards (`monitor/model_membership.py`).
+a traced run and for its log, so that both can be checked later (`monitor/model_membership.py`).
 Non-goals: reading logs that `soter run --log` did not write; locals of nodes, which are private.
 """
 
@@ -28,7 +28,7 @@ from soter.language.model.types import (
     RecordType,
 )
 from soter.language.model.values import ValueShapeError, from_json, to_json
-from soter.report.atomic_write import unfinished_parts
+from soter.report.atomic_write import unfinished_files
 from soter.report.mcap_log import (
     ABNORMALLY,
     BOOLEAN,
@@ -67,7 +67,7 @@ if TYPE_CHECKING:
     from soter.language.model.typed import TopicSymbol
     from soter.language.model.types import Type
     from soter.report.mcap_log import JsonSchema, Message
-    from soter.simulate.flight_recording import Looks
+    from soter.simulate.flight_recording import StepLateness
     from soter.simulate.result import Run
     from soter.simulate.run_observer import ModeChange as ChangeSeen
 
@@ -87,8 +87,8 @@ def write_log(run: Run, path: str | Path, version: str) -> Path:
 class RunLog:
     """The log of a run, written while it goes on: block by block of states.
 
-    `path`, or what gives it for the system that runs. Nothing here fails: `problem` is the
-    SoterError D006 where the log could not be written. `unfinished` is what lies beside it of
+    `path`: the file, or a function from the system to it. Its methods raise no errors: `problem` is
+    the SoterError D006 if the log could not be written. `unfinished`: unfinished logs beside it, of
     earlier runs whose processes died.
     """
 
@@ -109,12 +109,12 @@ class RunLog:
         engine: str,
         externs: Mapping[str, str],
     ) -> None:
-        """Prepares the log of a run; the file is not touched before there is something to log."""
+        """Prepares the log of a run; the file is first opened for the first states."""
         self._system, self._layout = system, layout
         self._explainer = Explainer(system, layout)
         self.path = self.path(system) if callable(self.path) else self.path
         self.path = self.path.absolute()  # an extern may change the folder
-        self.unfinished = unfinished_parts(self.path)
+        self.unfinished = unfinished_files(self.path)
         plants = [component for component in system.components if component.plant is not None]
         self._channels = [
             (MODES_TOPIC, MODES_SCHEMA),
@@ -142,16 +142,16 @@ class RunLog:
         self,
         states: npt.NDArray[Any],
         changes: Sequence[ChangeSeen],
-        looks: Looks = MappingProxyType({}),
+        looks: StepLateness = MappingProxyType({}),
     ) -> None:
-        """Takes the next states, (n,), the changes of mode among them, and how late DMs were."""
+        """Logs the next states, (n,), their changes of mode, and how late DMs were (`looks`)."""
         if self.problem is None:
             with self._noting_problem():
                 self._open_log().add(self._block_channels(states, changes, looks))
                 self._earlier = states[-1:].copy()
 
     def end(self, run: Run | None, why: str) -> None:
-        """Ends the log of a run; `why`: why it did not reach its end, "" if it did."""
+        """Ends the log of a run; `why`: the reason if the run did not reach its end, else ""."""
         if self.problem is None:
             hash_ = run.trace_sha256 if run is not None else None
             ended = f"{ABNORMALLY}{why}" if why else "at its end"
@@ -159,7 +159,7 @@ class RunLog:
                 self._open_log().close({"ended": ended, "trace_sha256": hash_ or ""})
 
     def end_by(self, error: BaseException) -> None:
-        """Ends the log of a run that an error broke off; without an instant it keeps nothing."""
+        """Ends the log of a run that an error ended; a log without states is not written."""
         if self._log is not None:
             self.end(None, type(error).__name__)
 
@@ -176,13 +176,13 @@ class RunLog:
         except LogError as error:
             self.problem = error
         except BaseException:
-            self._log = None  # it is dropped
+            self._log = None  # without `close`, the file is discarded
             raise
 
     # ------------------------------------------------------------ messages of a block
 
     def _block_channels(
-        self, states: npt.NDArray[Any], changes: Sequence[ChangeSeen], looks: Looks
+        self, states: npt.NDArray[Any], changes: Sequence[ChangeSeen], looks: StepLateness
     ) -> Iterator[LogChannel]:
         """Yields the messages that the states add to each channel, in the channels' order."""
         earlier = None if self._earlier is None else self._earlier[0]
@@ -254,7 +254,7 @@ def _log_step(d: decisions.DecisionStepRecord, look: tuple[int, int] | None) -> 
 
 
 def _topic_message(t: Type, value: object) -> Mapping[str, object]:
-    """The message for a value, which is always an object."""
+    """The message for a value of a topic: a JSON object in any case."""
     return value if isinstance(t, RecordType) else {"value": value}  # type: ignore[return-value]
 
 
@@ -276,17 +276,17 @@ def _schema(t: Type) -> JsonSchema:
 
 
 def _logged_topics(system: System) -> list[Topic]:
-    """The topics to log, without those that hold back what nodes publish later."""
+    """The topics to log: all but those that hold values to publish later."""
     return [t for t in system.topics if not t.held]
 
 
 @dataclass(frozen=True)
 class RecordedRun:
-    """After each instant: every topic by full name, every plant's true state by full name.
+    """The topics and the plants' true states after each instant of a run, by full names.
 
     `published`: the topics that were published at each instant. `before`: the topics before the
-    first one, of a part of a record; None: their defaults. `modes`: when, in s, which module was
-    given to whom, as far as that is known; the first of each is its mode at the beginning.
+    first instant, if this is a part of a record; None: their defaults. `modes`: time in s, module
+    and new mode of each known change; the first entry of a module is its mode at the start.
     """
 
     times_ns: list[int]
@@ -298,7 +298,7 @@ class RecordedRun:
 
 
 MISSED = ("late", "skip", "wait", "overrun", "silent")
-"""The faults with which a component may publish nothing at its release."""
+"""The kinds of faults with which a component may publish nothing at its release."""
 
 
 def record_of_trace(run: Run) -> RecordedRun:
@@ -322,9 +322,9 @@ def record_of_trace(run: Run) -> RecordedRun:
 
 
 def _drop_unpublished(record: RecordedRun, system: System) -> None:
-    """Removes from the first set in `published` the topics that nobody published then.
+    """Removes from the first set in `published` the topics that no component published then.
 
-    A log has a first value of every topic, which may be its default.
+    A log has a first value of every topic, which may only be its default.
     """
     if not record.published:
         return
@@ -345,12 +345,12 @@ def _published_topics(c: Component) -> list[TopicSymbol]:
 
 
 def read_log(path: Path, system: System) -> RecordedRun:
-    """The values in a log that `soter run --log` wrote of this system; `SoterError` D006."""
+    """Reads a log that `soter run --log` wrote of this system; `SoterError` D006."""
     require_log_package()
     types: dict[str, Type] = {t.name: t.type for t in system.topics}
     truths = {f"{c.name}.truth": c for c in system.components if c.plant is not None}
     types.update({name: c.plant.truth for name, c in truths.items() if c.plant is not None})
-    record, since = RecordedRun([], [], [], []), set[str]()
+    record, fresh = RecordedRun([], [], [], []), set[str]()
     topics: dict[str, Any] = {t.name: t.default for t in system.topics}
     states: dict[str, Any] = {}
     for time_ns, channel, message in log_messages(path):
@@ -361,17 +361,17 @@ def read_log(path: Path, system: System) -> RecordedRun:
             continue
         value = _logged_value(path, system, channel, t, message)
         if not record.times_ns or time_ns > record.times_ns[-1]:
-            _add_instant(record, topics, states, since)
+            _add_instant(record, topics, states, fresh)
             record.times_ns.append(time_ns)
-            since = set()
+            fresh = set()
         if channel in truths:
             states[truths[channel].name] = value
         else:
             topics[channel] = value
-            since.add(channel)
+            fresh.add(channel)
     if not record.times_ns or len(states) < len(truths):
         raise unreadable_error(path, f"it holds no true states of `{system.name}`")
-    _add_instant(record, topics, states, since)
+    _add_instant(record, topics, states, fresh)
     _drop_unpublished(record, system)
     return record
 
@@ -385,10 +385,10 @@ def _logged_value(path: Path, system: System, channel: str, t: Type, message: An
 
 
 def _add_instant(
-    record: RecordedRun, topics: dict[str, Any], states: dict[str, Any], since: set[str]
+    record: RecordedRun, topics: dict[str, Any], states: dict[str, Any], fresh: set[str]
 ) -> None:
-    """Adds the values at the end of the instant that was read last, and its publications."""
+    """Adds to the record the values and the publications of the instant that was read last."""
     if record.times_ns:
-        record.published.append(since)
+        record.published.append(fresh)
         record.topics.append(dict(topics))
         record.truths.append(dict(states))

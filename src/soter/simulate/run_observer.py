@@ -1,12 +1,12 @@
-"""Observes a run while it goes on, and keeps what is wanted of it.
+"""Observes the states of a run, and keeps a hash, a trace and changes of mode.
 
-Purpose: every state after an instant passes an `Observer` once, in blocks: it hashes them, keeps
-them if a trace is wanted, and notes what a summary names (mode changes, first faults). Both engines
-feed the same observer, so both give the same record. `TraceParts` finds the parts of a trace by
+Purpose: an `Observer` gets the state after each instant, in blocks. It hashes states, keeps them if
+a trace is wanted, and notes mode changes and first faults for the summary. Both engines use the
+same observer, so both give the same record. `TraceParts` finds the parts of a trace by
 names (topics, `<plant>.truth`, modules). `decided_rows` and `moved_rows` find the states in which
 decision modules decided, and in which a shield moved a command.
-Non-goals: meaning (`decisions.py`), reading a trace (`result.py`); a run that nobody observes is
-the same run.
+Non-goals: reasons (`decisions.py`), reading a trace (`result.py`); changing a run: without an
+observer it is the same.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.core.layout import group_field, state_dtype
+from soter.core.layout import field_name_of_group, state_dtype
 from soter.diagnostics.diagnostic import mistake
 from soter.diagnostics.similar_names import nearest_or_all
 from soter.language.model.types import ArrayType, RecordType
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from soter.simulate.module_safe_check import SafeJudge, SafeLooks
 
     Kept = bool | str | Collection[str]
-    """All of a trace, nothing of it, or the named parts."""
+    """Which parts of a trace are kept: all, none, or the named ones."""
     Rows = npt.NDArray[np.uint8]
     Also = Callable[[npt.NDArray[Any], Sequence["ModeChange"]], None]
 
@@ -48,7 +48,7 @@ def decided_rows(system: System, states: npt.NDArray[Any]) -> npt.NDArray[np.boo
     times_ns = states["header"]["ct"]
     periods = np.array([m.period_ns for m in system.modules], dtype=np.int64)
     due: npt.NDArray[np.bool_] = times_ns[:, np.newaxis] % periods == 0
-    late = group_by_component(system, of_time=True)
+    late = group_by_component(system, changes_releases=True)
     for m in system.modules:
         if m.dm in late and len(states):
             dm, seed = system.components[m.dm], int(states["header"]["seed"][0])
@@ -60,9 +60,9 @@ def decided_rows(system: System, states: npt.NDArray[Any]) -> npt.NDArray[np.boo
 def moved_rows(
     system: System, module: Module, states: npt.NDArray[Any]
 ) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-    """Whether, in states (n,), AC in control has just published, and its shield has moved that.
+    """The states, (n,), in which AC in control has published, and those its shield moved.
 
-    Both are (n,); False everywhere if the module has no shield `toward sc`.
+    Both arrays are (n,), and False everywhere if the module has no shield `toward sc`.
     """
     published, was_moved = np.zeros((2, len(states)), dtype=np.bool_)
     shield = module.shield
@@ -94,28 +94,28 @@ def plain_numbers(t: Type, values: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
 
 
 def named_parts(keep: Kept) -> tuple[str, ...] | None:
-    """The names of the parts to keep, perhaps none; None if all or nothing is kept."""
+    """The names of the parts of a trace to keep; None if all of it, or nothing, is kept."""
     if isinstance(keep, str):
         return (keep,)
     return tuple(dict.fromkeys(keep)) if isinstance(keep, Collection) else None
 
 
 def keeps_anything(keep: Kept) -> bool:
-    """Whether anything is kept, even if only the times."""
+    """Whether any part of a trace is kept, even if only the times."""
     return named_parts(keep) is not None or bool(keep)
 
 
 def _fields_of_truths(system: System, layout: StateLayout) -> dict[str, str]:
-    """By `<plant>.truth`, the field of a state that holds the truth of that plant."""
+    """For each `<plant>.truth` the field of a state record that holds it."""
     return {
-        f"{system.components[g.owner].name}.truth": group_field(g)
+        f"{system.components[g.owner].name}.truth": field_name_of_group(g)
         for g in layout.groups
         if g.owner >= 0 and system.components[g.owner].plant is not None
     }
 
 
 class TraceParts:
-    """Chosen parts of a system's states: `header`, and the named ones."""
+    """Selects parts of a system's states: the header, and the named topics, truths, modules."""
 
     def __init__(
         self, system: System, layout: StateLayout, dtype: np.dtype[Any], names: tuple[str, ...]
@@ -140,7 +140,7 @@ class TraceParts:
         self.dtype: np.dtype[Any] = np.dtype(fields)
 
     def copy_parts(self, states: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """Copies of these parts, (n,), of states, (n,)."""
+        """A copy of the selected parts, (n,), of states, (n,)."""
         copies = np.empty(len(states), dtype=self.dtype)
         for part in self._whole:
             copies[part] = states[part]
@@ -150,15 +150,15 @@ class TraceParts:
 
 
 IN_MEMORY_BYTES = 512 * 1024 * 1024
-"""A longer trace lies in a temporary file, which is gone with the process."""
+"""A longer trace is kept in a temporary file, which ends with the process."""
 EXPLAINED_MAX = 1000
 EXPLAINED_BYTES = 64 * 1024 * 1024
-"""For this many changes, in this many bytes of states, what their DM read is kept."""
+"""The most changes, and the most bytes, of which the states are kept for explanations."""
 
 
 @dataclass(frozen=True)
 class ModeChange:
-    """A DM step that changed the mode: when, whose, to AC or SC, and what the DM saw."""
+    """A DM step that changed the mode: time, module index, new mode, facts of the DM."""
 
     time_ns: int
     module: int
@@ -168,8 +168,8 @@ class ModeChange:
     stale: bool
     gate_fault: bool
     states: tuple[bytes | None, bytes] | None = field(default=None, repr=False, compare=False)
-    """The states after the instant before (None: there is none) and after its own; kept of the
-    first `EXPLAINED_MAX` changes."""
+    """The states after the instant before (None if there is none) and after its own instant; kept
+    for the first `EXPLAINED_MAX` changes."""
 
 
 @dataclass(frozen=True)
@@ -181,7 +181,7 @@ class FirstFault:
 
 
 class Observer:
-    """Takes the states of one run, in order, and keeps what is wanted of them."""
+    """Gets the states of one run, in order, and keeps the wanted parts of them."""
 
     def __init__(
         self,
@@ -194,7 +194,7 @@ class Observer:
         parts: TraceParts | None = None,
         also: Also | None = None,
     ) -> None:
-        """`judge`: judges modules' `safe`; `parts`: what is kept of each state, by default all."""
+        """`judge` evaluates modules' `safe`; `parts`: the kept parts of a state, by default all."""
         self.instants = 0
         self.changes: list[ModeChange] = []
         self.first_faults: dict[int, FirstFault] = {}
@@ -213,7 +213,7 @@ class Observer:
         self._moved = np.zeros((2, len(system.modules)), dtype=np.int64)
         self._safe = SafeTally(system, judge)
 
-    def see(self, rows: Rows) -> None:
+    def observe_states(self, rows: Rows) -> None:
         """Takes the next states, (n, size) bytes; the array may be reused afterwards."""
         if len(rows) == 0:
             return
@@ -224,7 +224,8 @@ class Observer:
             self._digest.update(np.ascontiguousarray(rows).data)
         states = np.ascontiguousarray(rows).view(self._dtype).reshape(-1)
         if self._kept is not None:
-            self._keep_rows(rows if self._parts is None else _bytes(self._parts.copy_parts(states)))
+            parts = self._parts
+            self._keep_rows(rows if parts is None else _as_rows(parts.copy_parts(states)))
         known = len(self.changes)
         if len(self._modes):
             self._see_modes(states, earlier)
@@ -234,28 +235,28 @@ class Observer:
 
     def run_fields(self) -> dict[str, Any]:
         """The fields of a `Run` that come from the observer."""
-        asked = ("instants", "changes", "first_faults", "decided", "moved_commands", "safe_looks")
-        observed = {name: getattr(self, name) for name in asked}
+        names = ("instants", "changes", "first_faults", "decided", "moved_commands", "safe_looks")
+        observed = {name: getattr(self, name) for name in names}
         return {"trace": self.trace(), "trace_sha256": self.sha256, **observed}
 
     @property
     def decided(self) -> list[tuple[int, int]]:
-        """By module: how many DM steps there were, and in how many ttf and safer both held."""
+        """By module: the number of DM steps, and of those in which ttf and safer both held."""
         return [(int(n), int(both)) for n, both in self._decided.T]
 
     @property
     def moved_commands(self) -> list[tuple[int, int]]:
-        """By module with a shield `toward sc`: AC's published commands, and the moved ones."""
+        """By module: AC's published commands, and those that a shield `toward sc` moved."""
         return [(int(n), int(moved)) for n, moved in self._moved.T]
 
     @property
     def safe_looks(self) -> list[SafeLooks]:
-        """By module: in how many looks of its DM its own `safe` was false."""
+        """By module: after how many looks of its DM its own `safe` was false."""
         return self._safe.looks
 
     @property
     def sha256(self) -> str | None:
-        """The hash of all states so far; None if nobody asked for it."""
+        """The SHA-256 of all states so far; None if it was not asked for."""
         return self._digest.hexdigest() if self._digest is not None else None
 
     def trace(self) -> npt.NDArray[Any] | None:
@@ -318,9 +319,9 @@ class Observer:
         due = decided_rows(self._system, states)
         together = due & (modules["ttf"] == 1) & (modules["safer"] == 1)
         self._decided += np.array([due.sum(axis=0), together.sum(axis=0)])
-        for seen in self._system.modules:
-            self._moved[:, seen.index] += [x.sum() for x in moved_rows(self._system, seen, states)]
-        self._safe.see(states, due)
+        for m in self._system.modules:
+            self._moved[:, m.index] += [x.sum() for x in moved_rows(self._system, m, states)]
+        self._safe.count_looks(states, due)
 
     def _states_to_explain(
         self, states: npt.NDArray[Any], earlier: Rows | None, row: int
@@ -352,7 +353,7 @@ def make_observer(
     also: Also | None = None,
     judge: SafeJudge | None = None,
 ) -> Observer:
-    """The observer of states (n,); `judge`: by default the interpreter's evaluator.
+    """The observer of a run of a system; `judge`: by default `safe` is evaluated in Python.
 
     `SoterError` U001 if `keep_trace` names no part of the system.
     """
@@ -368,6 +369,6 @@ def make_observer(
     )
 
 
-def _bytes(records: npt.NDArray[Any]) -> Rows:
+def _as_rows(records: npt.NDArray[Any]) -> Rows:
     """The memory of records, (n,), as (n, size) bytes, without a copy."""
     return records.view(np.uint8).reshape(len(records), -1)

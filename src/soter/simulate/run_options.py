@@ -1,8 +1,8 @@
-"""The options of a run, and the values that are set from outside: parameters, lengths of time.
+"""The options of a run, and the parameters and lengths of time that a user sets.
 
-Purpose: `RunOptions` has each option once, with its range, its default, its words and its flag.
-`--set K=3`, `--until 30s` and their twins in Python become values of the program's types, or a
-diagnostic that says what would have been right (U001, U004).
+Purpose: `RunOptions` declares each option once, with its range, default, help text and flag.
+`--set K=3`, `--until 30s` and their keywords in Python become values of the program's types, or a
+diagnostic that names valid values (U001, U004).
 Non-goals: how options are read (`diagnostics/command_records.py`), bounds of parameters
 (`language/elaborate/flatten_system.py`), bindings (`native/extern_bindings.py`).
 """
@@ -51,7 +51,7 @@ SEED = whole(0, 2**64 - 1, "seed")
 
 @dataclass(frozen=True, kw_only=True)
 class RunOptions:
-    """How to run; with what only the command line takes, which is no keyword."""
+    """The options of a run; those of the command line alone have `keyword=False`."""
 
     system: str | None = option("--system S", None, "by default the only one, or the `default`")
     until: float | str | None = option(
@@ -107,7 +107,7 @@ class RunOptions:
 
 
 class RunKeywords(TypedDict, total=False):
-    """The options as keywords, for who checks types: those that have no place of their own."""
+    """The keyword-only options of `Program.simulate`, for type checkers."""
 
     arm: str | None
     campaign: str | Path | None
@@ -133,9 +133,9 @@ def until_ns(until: float | str) -> int:
     try:
         ns = duration_ns(until)
     except WrongTextError as error:
-        raise mistake("U001", f"`until` cannot be `{_value_text(until)}`: {error}") from error
+        raise mistake("U001", f"`until` cannot be `{_shown_value(until)}`: {error}") from error
     if ns <= 0:
-        raise mistake("U001", f"`until` cannot be `{_value_text(until)}`: a run takes time")
+        raise mistake("U001", f"`until` cannot be `{_shown_value(until)}`: a run takes time")
     return ns
 
 
@@ -147,7 +147,7 @@ def seed_value(seed: object) -> int:
         number = -1
     if not 0 <= number < 2**64:
         help_ = "a seed is a whole number, 0 to 2^64 - 1"
-        raise mistake("U001", f"`seed` cannot be `{_value_text(seed)}`", help_)
+        raise mistake("U001", f"`seed` cannot be `{_shown_value(seed)}`", help_)
     return number
 
 
@@ -155,7 +155,7 @@ def seed_value(seed: object) -> int:
 
 
 def param_values(program: TypedProgram, values_by_name: Mapping[str, object]) -> dict[str, Value]:
-    """The values of parameters by full name; `SoterError` U001, U004 with all mistakes at once."""
+    """Checks and converts parameters by full name; `SoterError` U001, U004 with all mistakes."""
     values: dict[str, Value] = {}
     problems: list[Diagnostic] = []
     for name, value in values_by_name.items():
@@ -172,7 +172,7 @@ def param_values(program: TypedProgram, values_by_name: Mapping[str, object]) ->
         try:
             values[name] = _param_value(param.type, value)
         except (WrongTextError, ValueShapeError) as error:
-            message = f"parameter `{name}` cannot be `{_value_text(value)}`: {error}"
+            message = f"parameter `{name}` cannot be `{_shown_value(value)}`: {error}"
             problems.append(Diagnostic("U001", message))
     if problems:
         raise SoterError(tuple(problems))
@@ -209,6 +209,6 @@ def _value_of_text(t: Type, text: str) -> Value:
     return value
 
 
-def _value_text(value: object) -> str:
+def _shown_value(value: object) -> str:
     text = str(value)
     return text if len(text) <= 40 else text[:37] + "..."

@@ -1,10 +1,10 @@
-"""Makes the report of a traced run that a person opens.
+"""Makes the HTML report of a traced run.
 
 Purpose: `report_page` collects signals of topics and plants, modes, decisions with reasons,
 violations and assumptions, for any program; `report/html.py` writes one HTML file of them. For a
 module with `rest` it shows the picture of where SC would lead.
-Non-goals: geometry: an example that moves through a scene fills the records itself; the boxes of
-that picture (`tube_looks.py`).
+Non-goals: scenes: an example with a scene fills the records of a report itself; the boxes of the
+picture (`tube_looks.py`).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.core.layout import group_field
+from soter.core.layout import field_name_of_group
 from soter.diagram.svg import picture as draw
 from soter.report.html import inline_document, require_report_package, write_html
 from soter.report.run.record import (
@@ -47,12 +47,12 @@ if TYPE_CHECKING:
 
 TIMES = "\N{MULTIPLICATION SIGN}"
 LOOKS_MAX = 120
-"""The most looks of a module on one page; those that took control are among them."""
+"""The most looks of a module on a page; looks that took control from AC come first."""
 JUDGED = " (after the commands that might act at this look)"
 
 
 def tube_pictures(run: Run) -> tuple[LedPicture, ...]:
-    """The pictures of modules with `rest`; () without a C compiler, or for steps in any order."""
+    """The tube pictures of modules with `rest`; () without a C compiler or under `order any`."""
     looks = None if run.system.shuffled else compile_looks(run.system)
     if looks is None:
         return ()
@@ -64,13 +64,13 @@ def _tube_picture(run: Run, looks: TubeLooks, module: Module) -> LedPicture:
     trace = run.require_trace()
     mode, stale = (trace["modules"][name][:, module.index] for name in ("mode", "stale"))
     rows = np.flatnonzero(decided_rows(run.system, trace)[:, module.index] & (stale == 0))
-    rows = rows[rows > 0]  # what was read is of two states
+    rows = rows[rows > 0]  # the values that a DM read come from two states
     lost = rows[(mode[rows - 1] == 1) & (mode[rows] == 0)][:LOOKS_MAX]
     even = np.linspace(0, len(rows) - 1, min(LOOKS_MAX, len(rows)) - len(lost)).astype(np.intp)
     drawn = []
     for row in np.union1d(rows[even], lost):
         states = trace[row - 1].tobytes(), trace[row].tobytes()
-        look = looks.follow(module.index, *states, judged=bool(mode[row - 1]))
+        look = looks.follow_tube(module.index, *states, judged=bool(mode[row - 1]))
         judged_note = JUDGED if module.shield is not None and mode[row - 1] else ""
         if len(look.boxes):
             time_s = float(trace["header"]["ct"][row]) / 1e9
@@ -94,10 +94,7 @@ def write_report(
     *,
     self_contained: bool = False,
 ) -> Path:
-    """Writes the report of a traced run; `SoterError` D006 if it cannot be written.
-
-    With `self_contained` it needs no script beside it.
-    """
+    """Writes the report of a traced run, if `self_contained` with its script; D006."""
     run.require_trace()
     require_report_package()
     page = report_page(run, title, provenance)
@@ -128,9 +125,9 @@ def report_page(run: Run, title: str, provenance: Mapping[str, str]) -> ReportPa
 
 
 def _headline(run: Run) -> str:
-    """The headline: an extern that never answered comes first, then what of a rest is not shown.
+    """The headline: first externs that never answered, then modules whose rest is not shown.
 
-    It says that it is a system, and one run, as a system may be called `Proved`.
+    It says "system" and "this run", because a system may be called `Proved`.
     """
     count = count_text(run.violations, "violation")
     sentence = f"System {run.system.name}: {count} in this run."
@@ -151,7 +148,7 @@ def _thinned_trace(run: Run) -> npt.NDArray[np.void]:
 def run_chart(run: Run) -> Chart:
     """All signals of a run, thinned to what a screen can show."""
     trace = _thinned_trace(run)
-    thin = max(1, len(run.require_trace()) // SAMPLES_MAX)
+    step = max(1, len(run.require_trace()) // SAMPLES_MAX)
     time_s = trace["header"]["ct"] / 1e9
     bands = tuple(
         ModeBand(m.name, trace["modules"]["mode"][:, m.index] == 1, _share_text(run, m.name))
@@ -161,7 +158,7 @@ def run_chart(run: Run) -> Chart:
         name=f"System {run.system.name}",
         title=f"System {run.system.name}",
         time_s=time_s,
-        series=sorted_by_interest(run.system, _all_series(run, trace, thin))[:SERIES_MAX],
+        series=sorted_by_interest(run.system, _all_series(run, trace, step))[:SERIES_MAX],
         modes=bands,
         decisions=tuple(_report_decision(d) for d in run.decisions),
         violations=tuple(
@@ -174,9 +171,9 @@ def run_chart(run: Run) -> Chart:
     )
 
 
-def _all_series(run: Run, trace: npt.NDArray[np.void], thin: int) -> tuple[Series, ...]:
+def _all_series(run: Run, trace: npt.NDArray[np.void], step: int) -> tuple[Series, ...]:
     return (
-        *_margin_series(run, thin),
+        *_margin_series(run, step),
         *_latch_series(run, trace),
         *_value_series(run, trace),
     )
@@ -197,7 +194,7 @@ def _signal_notes(run: Run) -> Iterator[str]:
 
 
 def _share_text(run: Run, module: str) -> str:
-    """Says how long AC was in control, and how often SC took over."""
+    """A text with AC's share of control, and how often SC took over."""
     m = run.modules[module]
     return f"AC in control {m.ac_share:.1%}, SC took over {m.switches_to_sc} {TIMES}"
 
@@ -218,26 +215,26 @@ def _run_summary(run: Run) -> dict[str, float | int | str]:
     return summary
 
 
-def _margin_series(run: Run, thin: int) -> Iterator[Series]:
-    """Yields the margin of each module whose levels say more than the calendar."""
+def _margin_series(run: Run, step: int) -> Iterator[Series]:
+    """Yields the margin over time of each module that looks ahead more than one period."""
     for m in run.system.modules:
         if m.looks > 1:
             yield Series(
-                f"margin({m.name})", "s", run.margin(m.name)[::thin], panel=f"margin of {m.name}"
+                f"margin({m.name})", "s", run.margin(m.name)[::step], panel=f"margin of {m.name}"
             )
 
 
 def _latch_series(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
-    """Yields each module's latch: 1 if SC has control and no acknowledgement counts, else 0."""
+    """Yields the latch of each module that has one: 1 if it keeps AC from control, else 0."""
     for m in run.system.modules:
         if m.latch is not None:
-            latched = decisions.latch_rows(m, trace).astype(float)
+            latched = decisions.latched_rows(m, trace).astype(float)
             yield Series(f"latched({m.name})", "", latched, panel=f"latch of {m.name}", held=True)
 
 
 def _value_series(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
     """The signals of topics and plants."""
     owned = [(g, run.system.components[g.owner]) for g in run.layout.groups if g.owner >= 0]
-    plants = {x.name: trace[group_field(g)] for g, x in owned if x.plant is not None}
+    plants = {x.name: trace[field_name_of_group(g)] for g, x in owned if x.plant is not None}
     topics = {topic.name: trace["topics"][topic.name] for topic in run.system.topics}
     return value_series(run.system, plants, topics)

@@ -1,8 +1,8 @@
-"""The stale reads of a decision module, and why they were stale.
+"""Finds the stale reads of a decision module, and why they were stale.
 
 Purpose: `stale_reads` names each topic that a step of a DM found older than its `max_age`, or of
 another instant than one that it reads together with it.
-Non-goals: whether they were: the DM says so (`semantics/rules.py`, `codegen/decisions.py`).
+Non-goals: whether a step was stale, as its DM notes (`semantics/rules.py`, `codegen/decisions.py`).
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.language.model.read_together import apart_at_most
+from soter.language.model.read_together import allowed_stamp_differences
 from soter.semantics.configuration import NEVER
 
 if TYPE_CHECKING:
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Stale:
-    """A topic that was too old; `age_s` is None where nothing was ever published.
+    """A topic that was too old; `age_s` is None if it was never published.
 
-    `beside`: one read together with it that shows a later instant; empty: it is over its `max_age`.
+    `beside`: a topic read with it that is of a later instant; "": its age is over `max_age`.
     """
 
     topic: str
@@ -51,7 +51,7 @@ def stale_reads(
     limits = {i: most for i, most in ages.items() if most is not None}
     old = {i for i, most in limits.items() if time_ns - stamps[i] > most}
     yield from (stale_topic(i, limits[i]) for i in limits if i in old)
-    for one, other, most in apart_at_most(system, module.inputs):
+    for one, other, most in allowed_stamp_differences(system, module.inputs):
         older, newer = sorted((one, other), key=lambda i: stamps[i])
         if older not in old and stamps[newer] - stamps[older] > most:
             old.add(older)

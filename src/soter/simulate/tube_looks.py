@@ -1,12 +1,12 @@
-"""The tube through which SC would have led from what a decision module saw.
+"""Computes the tube through which SC would have led from the estimate of a decision module.
 
-Purpose: `TubeLooks` compiles the predicates of a system and asks them again about a state, with a
-note behind each call of `flow`, `safe`, `rests` and `settles` (`verify/tubes/*.soter`): boxes of
-the tube, and the part that is not shown. All arithmetic is that of the C that flies.
+Purpose: `TubeLooks` compiles the predicates of a system and evaluates them again on a state. Each
+call of `flow`, `safe`, `rests` and `settles` (`verify/tubes/*.soter`) is noted: these notes are the
+boxes of the tube, and the part that is not shown. All arithmetic is that of the deployed C.
 Non-goals: what was decided (`decisions.py`), drawing (`report/run/where_sc_leads.py`).
 
-The generated C of each of these functions gets a wrapper, which a macro puts in its place, so the
-predicates behind it call the wrapper. The notes (`WATCH`) stand behind the unit's own header.
+Each of these functions gets a wrapper in the generated C. A macro replaces the function's name, so
+that the predicates call the wrapper. The C of the notes (`WATCH`) follows the unit's own header.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from soter.language.model import typed
 from soter.language.model.tree_walk import calls_in, children
 from soter.native.shared_library import library
 from soter.report.run.where_sc_leads import FAILED
-from soter.simulate.explain_decision import leaf_path_name, published_before
+from soter.simulate.explain_decision import early_topics, leaf_path_name
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -37,14 +37,14 @@ if TYPE_CHECKING:
     from soter.language.model.system import Module, System
 
 ROOM = 8192
-"""The most boxes of one look that are kept."""
+"""The most boxes of one tube that are kept."""
 GOOD, SAFE, REST, MOVES, BOUNDED = range(5)
 FAILURES = {
     SAFE: "on the way `safe` is not shown",
     REST: "within its time `rest` is not shown",
     MOVES: "where it rests, and where SC then moves it, `safe` is not shown",
 }
-"""The parts that may fail."""
+"""The parts of the check that may fail, in words."""
 INCLUDED = '.h"\n'
 WATCH = f"""
 static struct {{
@@ -94,14 +94,14 @@ NOTED = {
     "rests": ("", "led_rests(led_said);"),
     "settles": (f"{BEGUN}\n  led_settles(true, led_from);", "led_settles(false, led_from);"),
 }
-"""The C notes before and after each watched function; its parameters go by number."""
+"""The C before and after a call of each watched function; {n} is its parameter n."""
 CHECK = "tubes.soter"
-"""The file name that functions of a check have in their places (`NAME` of verify/tubes)."""
+"""The file name in the source places of a check's functions (`NAME` of verify/tubes)."""
 
 
 @dataclass(frozen=True, eq=False)
 class TubeLook:
-    """The tube of a look: `boxes` (k, 3 + 2 n) as in a `LedPicture`; `failed`: the part not shown.
+    """The tube of a DM step: `boxes` (k, 3 + 2 n) as in a `LedPicture`; `failed`: the failed part.
 
     SC may begin early or late, so boxes overlap in time. They hold all states until SC is at rest.
     """
@@ -111,7 +111,7 @@ class TubeLook:
 
 
 def _predicate_query(m: Module, name: str) -> str:
-    """The C that asks whether a module's predicates call the estimate good."""
+    """The C that evaluates whether a module's predicates accept the estimate."""
     ttf, safer = (f"{name}_{p}(state, &nan)" for p in ("ttf", "safer"))
     good = f"!{ttf}" if m.shield is None else f"judged ? !{ttf} : {safer}"
     return f"if (m == {m.index}) {{ good = {good}; }}"
@@ -123,31 +123,31 @@ class TubeLooks:
     def __init__(self, system: System, modules: Sequence[Module]) -> None:
         self.modules = modules
         arguments = {m.index: calls_in(m.symbol.safer)[0].arguments for m in self.modules}
-        followed = {m: [a for a in of if not _is_of_map(a)] for m, of in arguments.items()}
+        followed = {m: [a for a in of if not _reads_map(a)] for m, of in arguments.items()}
         self.names = {m: tuple([leaf_path_name(a) for a in every]) for m, every in followed.items()}
-        """The names of what a module's check reads, one for each state that it follows."""
+        """The names of the leaves that a module's check reads, one for each followed state."""
         units = {m: [getattr(a.type, "unit", "") for a in of] for m, of in followed.items()}
         self.units = {m: tuple(of) for m, of in units.items()}
         self._late = {}
         builder = UnitBuilder(system, lower(system), None)
-        unit = builder.run()
+        unit = builder.build_unit()
         self._dtype = state_dtype(unit.layout)
         source = _watch_functions(unit.source.replace(INCLUDED, f"{INCLUDED}{WATCH}", 1), builder)
         for m in self.modules:
-            early = published_before(system, m.dm)
+            early = early_topics(system, m.dm)
             self._late[m.index] = [t.name for t in system.topics if t.index not in early]
         cases = [_predicate_query(m, builder.module_names[m.index]) for m in self.modules]
         source += _query_function(unit.prefix, cases)
         loaded = ctypes.CDLL(str(library(replace(unit, source=source), "-O1")))
         self._ask = getattr(loaded, f"{unit.prefix}_led")
 
-    def follow(
+    def follow_tube(
         self, module: int, before: bytes | None, at: bytes, *, judged: bool = False
     ) -> TubeLook:
         """The tube of the DM step in the instant that ended in the state `at`, after `before`.
 
-        The check is asked whether the estimate is good with any command, or with those that were
-        `judged`, in a module that judges them.
+        The check covers any command, or, in a module that judges commands and if `judged`, only the
+        judged ones.
         """
         state = np.frombuffer(at, dtype=self._dtype).copy()
         for name in self._late[module] if before is not None else ():
@@ -163,7 +163,7 @@ class TubeLooks:
         return TubeLook(boxes, failed.value)
 
     def failure_words(self, module: Module, led: TubeLook) -> str:
-        """Says which part failed, and where; for a good look, when SC comes to rest."""
+        """Says which part of a tube failed, and where; if none did, when SC comes to rest."""
         until = float(led.boxes[:, 2].max(initial=0.0))
         if led.failed == GOOD:
             return f"SC would be at rest {until:.3g} s after the estimate at the latest"
@@ -182,7 +182,7 @@ class TubeLooks:
 
 
 def compile_looks(system: System) -> TubeLooks | None:
-    """The looks of modules with `rest` and one plan; None if there are none, or no compiler."""
+    """The compiled checks of modules with `rest` and one plan; None if none can be compiled."""
     modules = [m for m in followed_modules(system) if m.computed]
     with contextlib.suppress(SoterError, OSError):
         return TubeLooks(system, modules) if modules else None
@@ -194,8 +194,8 @@ def followed_modules(system: System) -> list[Module]:
     return [m for m in system.modules if m.symbol.rest is not None and m.plan is None]
 
 
-def _is_of_map(e: typed.TypedExpr) -> bool:
-    """Whether an expression is a number of a map, which no tube moves."""
+def _reads_map(e: typed.TypedExpr) -> bool:
+    """Whether an expression reads a number of a map (a static topic), which no tube moves."""
     while isinstance(e, (typed.TypedField, typed.Index)):
         e = e.target
     assert isinstance(e, typed.TopicRead)
@@ -240,7 +240,7 @@ def _watch_functions(source: str, builder: UnitBuilder) -> str:
 
 
 def _watch_function(source: str, name: str, before: str, after: str) -> str:
-    """The C, in which a function also notes what it returned."""
+    """The C source, in which one function also notes its calls and results."""
     signature = rf"^SOTER_INLINE\s+([\w\s]+?)\s{name}\(([^)]*)\)\s*{{$"  # lines end where they like
     found = re.search(signature, source, re.MULTILINE)
     assert found is not None, name

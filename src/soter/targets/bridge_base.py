@@ -41,12 +41,12 @@ LINKED = tuple(
 COMMON = ("soter_bridge_common.h", "soter_stamp_numbers.h")
 """Files that all bridges in C share."""
 SILENT_OF_LEASED_NS = 20_000_000
-"""So long after its last value the writer of a leased topic is gone: it writes every 0.5 ms."""
+"""Without a value for so long, in ns, a leased topic's writer is gone: it writes each 0.5 ms."""
 SILENT_PERIODS = 3
 
 
 def sources_by_topic(mapped: Sequence[TopicMap]) -> dict[int, list[tuple[TopicMap, SourcePromise]]]:
-    """By index of a topic with several sources: these, the preferred one first."""
+    """The sources of each topic that has several, by its index, the preferred one first."""
     by_topic: dict[int, list[tuple[TopicMap, SourcePromise]]] = {}
     for m in mapped:
         if m.promise is not None:
@@ -54,8 +54,8 @@ def sources_by_topic(mapped: Sequence[TopicMap]) -> dict[int, list[tuple[TopicMa
     return by_topic
 
 
-def broken_promises(system: System, mapped: Sequence[TopicMap]) -> Iterator[str]:
-    """Yields a mistake for each source of a topic that gives less than the system declares."""
+def promise_mistakes(system: System, mapped: Sequence[TopicMap]) -> Iterator[str]:
+    """Yields a mistake for each source that promises less of a topic than the system declares."""
     declared = {e.topic: e for e in system.externals}
     stepped = _topics_of_stepped_plants(system.proved)
     for index, sources in sources_by_topic(mapped).items():
@@ -74,7 +74,7 @@ def broken_promises(system: System, mapped: Sequence[TopicMap]) -> Iterator[str]
 
 
 def _topics_of_stepped_plants(proved: System | None) -> set[str]:
-    """The topics whose reads the proof takes as of the instant of a plant's step (`next`)."""
+    """The names of topics that show plants which move in steps (`next`) in the proved system."""
     if proved is None:
         return set()
     return {
@@ -87,15 +87,15 @@ def _topics_of_stepped_plants(proved: System | None) -> set[str]:
 
 def _age_mistakes(topic: Topic, m: TopicMap, promise: SourcePromise, e: External) -> Iterator[str]:
     if e.every_ns is None:
-        return  # nothing rests on its age
+        return  # the system declares no age
     allowed = e.every_ns + (e.delay_ns or 0)
-    if promise.oldest_ns > allowed:
+    if promise.age_max_ns > allowed:
         terms = [("every", promise.every_ns), ("delayed", promise.delayed_ns)]
         terms = [("after", promise.after_ns), *terms] if promise.rank else terms
         figures = " + ".join(f"{name} {show_ns(ns)}" for name, ns in terms)
         when = "when it takes over" if promise.rank else "alone"
         yield (
-            f"`{topic.name}` may be {show_ns(promise.oldest_ns)} old with {m.channel} {when} "
+            f"`{topic.name}` may be {show_ns(promise.age_max_ns)} old with {m.channel} {when} "
             f"({figures}), and the system declares {_age_text(e)}"
         )
 
@@ -112,14 +112,14 @@ def _error_mistakes(
         yield f"`{name}` from {m.channel} {exactness}, and the system declares within {most!r}"
 
 
-def promise_lines(system: System, mapped: Sequence[TopicMap]) -> list[str]:
-    """Says of each topic of several sources how old and how exact it is with each of them."""
+def promise_notes(system: System, mapped: Sequence[TopicMap]) -> list[str]:
+    """Notes on how old and how exact each topic of several sources is with each of them."""
     declared = {e.topic: e for e in system.externals}
     lines = []
     for index, sources in sources_by_topic(mapped).items():
         topic, e = system.topics[index], declared.get(index)
         parts = [_promise_text(topic, m, promise) for m, promise in sources]
-        worst = max(promise.oldest_ns for _, promise in sources)
+        worst = max(promise.age_max_ns for _, promise in sources)
         against = f"of {_age_text(e)}" if e is not None and e.every_ns else "nothing declared"
         parts.append(f"at a takeover at most {show_ns(worst)} old, {against}")
         lines.append(f"{topic.name}: {'; '.join(parts)}")
@@ -127,12 +127,12 @@ def promise_lines(system: System, mapped: Sequence[TopicMap]) -> list[str]:
 
 
 def _promise_text(topic: Topic, m: TopicMap, promise: SourcePromise) -> str:
-    """Says in words what greatest age and errors a source promises for itself."""
+    """The greatest age and the errors that a source promises, in words."""
     errors = [
         f"{'.'.join((topic.name, *path)) if path else ''} within {error!r}".strip()
         for path, error in promise.errors.items()
     ]
-    return ", ".join([f"{m.channel} at most {show_ns(promise.alone_ns)} old", *errors])
+    return ", ".join([f"{m.channel} at most {show_ns(promise.own_age_max_ns)} old", *errors])
 
 
 def _age_text(e: External) -> str:
@@ -163,14 +163,14 @@ def bridged_topics(
         problems += _message_mistakes(m)
     problems += _unmapped_mistakes(system, mapping)
     problems += [p for m in mapping.topics for p in _shared_field_mistakes(m)]
-    problems += [*_shared_channel_mistakes(mapping), *broken_promises(system, mapping.topics)]
+    problems += [*_shared_channel_mistakes(mapping), *promise_mistakes(system, mapping.topics)]
     if problems:
         raise wrong_mapping(problems)
     return mapping.topics
 
 
 def maps_by_topic(mapped: tuple[TopicMap, ...], middleware: str) -> dict[int, TopicMap]:
-    """The mapping by index of a topic; SoterError D015 for a topic of several sources."""
+    """The mapping of each topic by its index; SoterError D015 for a topic of several sources."""
     if named := dict.fromkeys(m.topic.name for m in mapped if m.promise is not None):
         why = f"has several `sources`: the bridges of ROS read them, that of {middleware} does not"
         raise wrong_mapping(f"`{name}` {why}" for name in named)
@@ -200,7 +200,7 @@ def _message_mistakes(m: TopicMap) -> Iterator[str]:
         yield f"`clip` of {named} is of a log: a bridge refuses what lies outside of its set"
     if m.message is None:
         yield f"{named} has no `type`: which messages are its?"
-    elif m.stamp is not None and m.message.field(m.stamp.path).through == "sequence":
+    elif m.stamp is not None and m.message.field_at(m.stamp.path).through == "sequence":
         yield f"{named}: its `stamp` is in a list, which may be empty in a message"
 
 
@@ -223,7 +223,7 @@ def _shared_field_mistakes(mapped: TopicMap) -> Iterator[str]:
         return
     for path, leaf in mapped.leaves.items():
         if isinstance(leaf, SignalSource):
-            name = mapped.name_of(path)
+            name = mapped.leaf_name(path)
             first = leaf_by_field.setdefault(leaf.name, name)
             if first != name:
                 yield f"`{first}` and `{name}` go out in the same field, `{leaf.name}`"
@@ -248,7 +248,7 @@ def _shared_channel_mistakes(mapping: LogMap) -> Iterator[str]:
 
 
 def qos_problems(m: TopicMap, *, inward: bool) -> Iterator[str]:
-    """Yields why a topic of ROS 2 may not go as its mapping says."""
+    """Yields a mistake for each quality of service that a topic of ROS 2 may not have."""
     if inward and m.stamp is None and m.qos.durability == "transient_local":
         yield (
             f"`{m.topic.name}` has no stamp and is `transient_local`: what somebody published long "
@@ -274,7 +274,7 @@ def unmapped_notes(system: System, mapped: Collection[TopicMap], where: str) -> 
 
 
 class BridgedSystem:
-    """A system, its C (`unit`), its world's tables, and its trusted package, if it meets one."""
+    """A system, its C (`unit`) and tables of its world; `trusted`: its `posix` package, if any."""
 
     def __init__(self, system: System, core: CoreSystem, folder: Path) -> None:
         self.system = system
@@ -311,7 +311,7 @@ class BridgedSystem:
 
     @cached_property
     def trusted_programs(self) -> dict[str, list[str]]:
-        """By program of the trusted part: its flags and sources, as seen from the package."""
+        """The flags and sources of each program of the trusted part, seen from the package."""
         return {
             n: [_path_from_package(word) for word in words]
             for n, words in self.trusted.programs.items()
@@ -319,7 +319,7 @@ class BridgedSystem:
 
     @cached_property
     def trusted_sources(self) -> dict[str, list[str]]:
-        """By program of the trusted part: its C files alone."""
+        """The C files of each program of the trusted part."""
         return {
             n: [w for w in words if not w.startswith("-")]
             for n, words in self.trusted_programs.items()
@@ -346,7 +346,7 @@ class BridgedSystem:
         return f"UINT64_C({self.world.number(self.topic(index)):#018x})"
 
     def is_inward(self, index: int) -> bool:
-        """Whether somebody outside publishes the topic."""
+        """Whether the topic is published outside the system."""
         return self.topic(index).driver == "input"
 
     def silent_ns(self, index: int) -> int:

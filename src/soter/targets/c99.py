@@ -15,7 +15,7 @@ from pathlib import Path, PurePath
 from typing import TYPE_CHECKING
 
 from soter.codegen import c_tree as c
-from soter.codegen.c_names import Unique, field_name
+from soter.codegen.c_names import UniqueNames, field_name
 from soter.codegen.c_printer import print_file
 from soter.codegen.unit import Unit, generate
 from soter.native.cache import included_files
@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from soter.language.model.system import Component, System
 
 
-def file_and_included(source: str) -> dict[Path, str]:
-    """The path and text of a C file, and of all that it includes beside or below it."""
+def texts_with_includes(source: str) -> dict[Path, str]:
+    """The texts, by path, of a C file and of all that it includes from its folder or below."""
     root = Path(source).resolve().parent
     return {p: text for p, text in included_files(source).items() if p.is_relative_to(root)}
 
@@ -49,9 +49,9 @@ STATE, PROGRAM, UNTIL = "APP_STATE", "APP_PROGRAM", "APP_UNTIL_NS"
 class ProgramInC:
     """A system as C for every target; externs without C are bound to `externs.c` here.
 
-    `unit`: the generated program. `stubs`: by the name of their function, the extern nodes that are
-    bound to `externs.c`; `plants`: the extern plants, which have a function there, too. `linked`:
-    the C files that other externs are bound to. `command`: the name of the package's program.
+    `unit`: the generated program. `stubs`: the extern nodes that are bound to `externs.c`, by the
+    name of their function; `plants`: the extern plants, which have a function there, too. `linked`:
+    the C files to which other externs are bound. `command`: the name of the package's program.
     `notes`: what a person has to do before the C is complete, a sentence each. `world`: the C
     functions that move plants.
     """
@@ -85,7 +85,7 @@ class ProgramInC:
         ]
 
     def stub_files(self) -> list[PackageFile]:
-        """`externs.c`, where anybody has to fill it in."""
+        """The file `externs.c`; none if no extern needs a function there."""
         if not (self.stubs or self.plants):
             return []
         return [PackageFile(STUBS, stubs_text(self.unit, self.stubs, self.plants), yours=True)]
@@ -116,7 +116,7 @@ def c99_package(system: System, core: CoreSystem, folder: Path) -> Package:
         "leased": modules_with_law(system),
     }
     commands = [f"make -C {folder}", f"{folder}/{program.command}"]
-    if system.externals:  # nobody would publish for the command: it is for somebody's loop
+    if system.externals:  # the program alone has no inputs: it is for the user's own loop
         commands = [f"make -C {folder} lib"]
     return Package(
         folder,
@@ -135,8 +135,8 @@ def run_time_files(system: System) -> tuple[str, ...]:
 
 
 def bind_stubs(system: System, left: frozenset[int] = frozenset()) -> dict[str, Component]:
-    """Binds to `externs.c`, by function name, the extern nodes that are not C nor in `left`."""
-    unique = Unique()
+    """Binds extern nodes that are not C nor in `left` to `externs.c`; gives them by function."""
+    unique = UniqueNames()
     component_by_symbol: dict[str, Component] = {}
     for x in system.components:
         if x.index in left or x.node is None or not x.extern:
@@ -161,11 +161,11 @@ def _main_name(unit: Unit) -> str:
 
 
 def extern_files(sources: list[str]) -> list[PackageFile]:
-    """Copies of the externs' C, a folder for each source that needs one."""
+    """Copies of the externs' C; sources whose files clash get folders of their own."""
     files: dict[str, str] = {}
     for source in sources:
         root = Path(source).resolve().parent
-        texts = file_and_included(source)
+        texts = texts_with_includes(source)
         number = 1
         while True:
             place = PurePath("extern") if number == 1 else PurePath(f"extern_{number}")
@@ -261,7 +261,7 @@ def app_source(unit: Unit, plants: list[Component]) -> str:
 
 
 def stubs_text(unit: Unit, nodes: dict[str, Component], plants: list[Component]) -> str:
-    """Writes `externs.c`: a function for each extern, which faults until somebody fills it in."""
+    """The text of `externs.c`: a function for each extern, which faults until it is filled in."""
     return print_file(
         c.CFile(
             (
@@ -325,7 +325,7 @@ def _plant_function(unit: Unit, x: Component, body: tuple[c.CStmt, ...] | None) 
 
 
 def unfinished_notes(core: CoreSystem, waiting: list[Component]) -> list[str]:
-    """Names the stubs to fill in and the externs to bind before the C is complete."""
+    """Notes that name the stubs to fill in and the externs to bind before the C is complete."""
     notes = []
     if waiting:
         notes.append(f"fill in {STUBS}: {', '.join(x.name for x in waiting)} fail until then")

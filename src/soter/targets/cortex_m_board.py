@@ -29,7 +29,7 @@ DEFINE = re.compile(
 )
 """A number has to be the same in C and in Python: not octal, without a suffix."""
 MACHINE = re.compile(r"[\w.,=-]*")
-"""What the name of a QEMU machine may be, as a Makefile has it as a word."""
+"""The form of a QEMU machine's name, which has to be a word of a Makefile."""
 FUNCTIONS = ("start", "sense", "actuate", "watchdog", "say", "end")
 NUMBERS = ("CLOCK_HZ", "FLASH_AT", "FLASH_BYTES", "RAM_AT", "RAM_BYTES", "STACK_BYTES", "AC_BYTES")
 CORES = {
@@ -37,18 +37,18 @@ CORES = {
     "cortex-m4": ("-mcpu=cortex-m4", "-mfloat-abi=soft"),
     "cortex-m7": ("-mcpu=cortex-m7", "-mfpu=fpv5-d16", "-mfloat-abi=hard"),
 }
-"""By core: the flags of gcc; only the last one has doubles in hardware."""
+"""The flags of gcc by core; only the last one has doubles in hardware."""
 UNGUARDED = frozenset({"cortex-m0"})
 """Cores on which nothing keeps extern nodes from writing anywhere."""
 SOFT = {"cortex-m4": "cortex_m4-vfp4d16sp"}
-"""By core for which libgcc rounds doubles wrongly: the core's name in zig."""
+"""The name in zig of each core for which libgcc rounds doubles wrongly."""
 END = 2**32
 LEAST_STACK = 1024
 
 
 @dataclass(frozen=True)
 class Board:
-    """A memory map in bytes, the clock of SysTick in Hz, and `qemu`, the machine to emulate it."""
+    """A board: memory map in bytes, clock of SysTick in Hz, and `qemu`, its machine in QEMU."""
 
     name: str
     text: str
@@ -134,7 +134,7 @@ def _number_problems(numbers: dict[str, int]) -> Iterable[str]:
 
 
 def _word_problems(words: dict[str, str], text: str) -> Iterable[str]:
-    """Says what is wrong with a board's core, its machine in QEMU, and its functions."""
+    """Yields a problem for each mistake in a board's core, machine in QEMU, or functions."""
     if words.get("CORE") not in CORES:
         yield "`BOARD_CORE` has to be one of " + ", ".join(f'"{core}"' for core in CORES)
     if "QEMU" not in words and re.search(r"define[ \t]+BOARD_QEMU\b", text):

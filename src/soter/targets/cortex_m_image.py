@@ -1,4 +1,4 @@
-"""The image of a package for a board, from the compiler to the figures of its run.
+"""Makes the image of a package for a board, with the figures of its run.
 
 Purpose: `build_image` makes an image by the package's Makefile, with arm-none-eabi-gcc, runs it
 where QEMU emulates the board, and measures it (flash, RAM, stack, instructions), or says why there
@@ -18,11 +18,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import SoterError, mistake
-from soter.native.compiler import Compiler, CompilerOutput, python_module, run_compiler
+from soter.native.compiler import Compiler, CompilerOutput, module_command, run_compiler
 from soter.report.wording import visible
 from soter.targets.cortex_m_board import SOFT, Board
 from soter.targets.cortex_m_package import LIMIT_S
-from soter.version import pip_install
+from soter.version import pip_command
 
 if TYPE_CHECKING:
     from soter.native.stack_bound import StackBound
@@ -51,7 +51,7 @@ TRACE = re.compile(r"^trace_sha256 (\w{64})$", re.MULTILINE)
 
 @dataclass(frozen=True)
 class StepCount:
-    """The instructions of one component's steps, `number` of them; of an extern node its gate's."""
+    """The instructions in `number` steps of one component, or in those of an extern node's gate."""
 
     name: str
     most: int
@@ -61,7 +61,7 @@ class StepCount:
 
 @dataclass(frozen=True)
 class Image:
-    """Bytes and instructions of an image; None where it was not made or run, and `why` says why."""
+    """The bytes and instructions of an image; None if it was not made or run; `why`: the reason."""
 
     flash: int | None = None
     ram: int | None = None
@@ -95,8 +95,8 @@ class Image:
         ]
 
 
-def missing_tools(board: Board) -> str:
-    """Says which tool for making an image is missing; "" where none is."""
+def missing_tool(board: Board) -> str:
+    """The tool for making an image that is missing or too old, in words; "" if none is."""
     if shutil.which("make") is None:
         return "there is no `make`"
     if shutil.which(CC) is None:
@@ -108,7 +108,7 @@ def missing_tools(board: Board) -> str:
     if board.core in SOFT and find_spec("ziglang") is None:
         return (
             f"{board.core} computes doubles without hardware, and those of gcc's library are not "
-            f"rounded right: {pip_install('compiler')} brings others"
+            f"rounded right: {pip_command('compiler')} brings others"
         )
     return ""
 
@@ -122,12 +122,12 @@ def compiler_version() -> str:
 def cross_compiler(board: Board) -> Compiler | None:
     """The compiler of a board with its flags, as the Makefile has them; None if missing."""
     path = shutil.which(CC)
-    if path is None or missing_tools(board):
+    if path is None or missing_tool(board):
         return None
     return Compiler((path,), compiler_version(), ("-Os", "-mthumb", *board.flags))
 
 
-def require_stack(bound: StackBound, board: Board) -> None:
+def require_enough_stack(bound: StackBound, board: Board) -> None:
     """Raises SoterError X015 where the trusted part needs more stack than the board has."""
     if bound.bytes is None or bound.bytes <= board.stack_bytes:
         return
@@ -138,7 +138,7 @@ def require_stack(bound: StackBound, board: Board) -> None:
 
 def build_image(package: Package, board: Board) -> Image:
     """Makes the image of a written package and runs it; SoterError X015, X016, X004."""
-    if why := missing_tools(board):
+    if why := missing_tool(board):
         return Image(why=why)
     done = _run_make(package, package.image)
     if done.code != 0:
@@ -215,7 +215,7 @@ def _largest_symbols(package: Package, kinds: str) -> list[str]:
 
 
 def _run_make(package: Package, *words: str) -> CompilerOutput:
-    zig = f"ZIG={shlex.join(python_module('ziglang'))}"
+    zig = f"ZIG={shlex.join(module_command('ziglang'))}"
     return run_compiler(["make", *words, zig], package.folder, TIMEOUT_S)
 
 

@@ -1,4 +1,4 @@
-"""The tables by which the time-triggered loop of a board runs a program, as C.
+"""Writes the tables, as C, by which the time-triggered loop of a board runs a program.
 
 Purpose: `loop_tables` writes the tick, extern nodes, modules and their leases for
 `runtime/cortex_m/soter_loop.c`; `longest_tick` chooses the tick, or says why there can be no loop.
@@ -16,7 +16,7 @@ from soter.codegen.externs import linked_symbol
 from soter.core.layout import size_of
 from soter.language.model.types import show_ns
 from soter.targets.late_limits import age_limits
-from soter.targets.leases import lease_names, lease_times, modules_with_law, nodes_on_the_way
+from soter.targets.leases import lease_names, lease_times, modules_with_law, upstream_nodes
 from soter.targets.package import PackageFile, filled_file
 from soter.targets.posix_package import extern_nodes, fields_read
 
@@ -28,11 +28,11 @@ if TYPE_CHECKING:
 APP = "soter_loop_app"
 SECOND = 10**9
 TICK_MOST, TICK_LEAST = 10**6, 10**4
-"""The longest and shortest tick in ns: each one interrupts the processor, and actuators look."""
+"""The longest and the shortest tick, in ns; each tick interrupts the processor."""
 SYSTICK_MOST = 2**24
 """SysTick counts in 24 bits."""
 PATIENCE_NS = 10**8
-"""The longest time in ns that an instant may take before the watchdog is fed no more."""
+"""The longest time, in ns, that an instant may take; after that the watchdog is not fed."""
 
 
 @dataclass(frozen=True)
@@ -48,8 +48,8 @@ def longest_tick(system: System, board: Board) -> LoopTick:
     times = [n for x in system.components for n in (x.period_ns, x.phase_ns)]
     times += [i.every_ns for i in system.inputs]
     common = gcd(*times)
-    parts = [n for n in range(1, common // TICK_LEAST + 1) if common % n == 0]
-    for n in parts:
+    divisors = [n for n in range(1, common // TICK_LEAST + 1) if common % n == 0]
+    for n in divisors:
         tick = common // n
         counts, rest = divmod(board.clock_hz * tick, SECOND)
         if tick <= TICK_MOST and rest == 0 and 1 < counts < SYSTICK_MOST:
@@ -97,12 +97,12 @@ def _node_values(system: System, unit: Unit, x: Component) -> dict[str, object]:
 
 
 def _module_values(system: System, unit: Unit, module: Module, c_name: str) -> dict[str, object]:
-    """The template's values for a module with a law: its command, and what its grant watches."""
+    """The template's values for a module with a law: its command, and the parts to watch."""
     outputs = [(system.topics[i].symbol.name.rpartition(".")[2], i) for i in module.outputs]
     return {
         "of": module,
         "c_name": c_name,
-        "nodes": [module.dm, module.sc, *(x.index for x in nodes_on_the_way(system, module))],
+        "nodes": [module.dm, module.sc, *(x.index for x in upstream_nodes(system, module))],
         "outputs": [(field_name(name), unit.topics[i][1]) for name, i in outputs],
         "ages": age_limits(system, module),
     }

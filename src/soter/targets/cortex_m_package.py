@@ -39,7 +39,7 @@ LOOPED = ("soter_loop.c", "soter_unprivileged.c")
 SCRIPT = "soter_image.ld"
 RECORDING = "recording.txt"
 NOTHING_APART = 512
-"""Bytes of the thread for extern nodes in a system without any, where it only waits."""
+"""Bytes of the extern nodes' thread in a system without extern nodes, where it only waits."""
 INSTANTS = 1000
 LIMIT_S = 300
 """The longest time that QEMU may take, in s."""
@@ -114,7 +114,6 @@ def cortex_m_package(
 
 
 def _c_path(x: Component) -> str:
-    """The path of the C file of an extern node."""
     assert x.binding is not None
     return x.binding.split(":")[1]
 
@@ -124,7 +123,7 @@ def _c_files(files: list[PackageFile]) -> list[str]:
 
 
 def _limit_notes(system: System, board: Board, tick: LoopTick) -> list[str]:
-    """Says what this board does not do for this system, a sentence each."""
+    """Notes for people on what this board does not do for this system, a sentence each."""
     lawless = [m.name for m in system.modules if not m.law] if system.externals else []
     notes = [
         f"{name} has no fail-safe law: nobody gives leases, and the board is told nothing of it"

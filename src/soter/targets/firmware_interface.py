@@ -1,4 +1,4 @@
-"""Writes the typed interface of a program in somebody's own loop: `NAME_firmware.h` and `.c`.
+"""Writes the typed interface of a program in a user's own loop: `NAME_firmware.h` and `.c`.
 
 Purpose: `firmware_files` writes `NAME_start`, `NAME_step`, `NAME_publish_TOPIC`, `NAME_read_TOPIC`
 and `NAME_mode_MODULE` over `runtime/soter_firmware.c`, and the messages as a document with a hash,
@@ -15,7 +15,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from soter.codegen import c_tree as c
-from soter.codegen.c_names import Unique, file_level_name, legal_name
+from soter.codegen.c_names import UniqueNames, file_level_name, legal_name
 from soter.codegen.c_printer import print_file
 from soter.core.layout import scalar, size_of, storage_range, struct_of
 from soter.language.elaborate.wellformed import allowed_lateness
@@ -61,7 +61,7 @@ def firmware_files(system: System, unit: Unit) -> list[PackageFile]:
 
 
 def firmware_name(system: System, unit: Unit) -> str:
-    """The name with which all names begin: the system's, with a number where names clash."""
+    """The beginning of all names: the system's name, with a number where names clash."""
     base = name = file_level_name(system.name.rpartition(".")[2])
     code = re.sub(r'/\*.*?\*/|"(?:\\.|[^"\\])*"', " ", unit.header + unit.source, flags=re.DOTALL)
     taken = set(re.findall(r"[A-Za-z_]\w*", code))
@@ -74,15 +74,13 @@ def firmware_name(system: System, unit: Unit) -> str:
 
 
 def short_topic_names(system: System) -> dict[int, str]:
-    """By index of a topic: its name without the file that declares it; queues have none."""
-    unique = Unique()
+    """The names of topics without the files that declare them, by index; queues have none."""
+    unique = UniqueNames()
     topics = [t for t in system.topics if t.queue_of is None and not t.held]
     return {t.index: unique(_name_without_file(t)) for t in topics}
 
 
 class _Firmware:
-    """Writes the files of one system."""
-
     def __init__(self, system: System, unit: Unit) -> None:
         self.system = system
         self.unit = unit
@@ -90,7 +88,7 @@ class _Firmware:
         self.short = short_topic_names(system)
         self.topics = [system.topics[i] for i in self.short]
         self.open = environment_topics(system)
-        modules = Unique()
+        modules = UniqueNames()
         self.modules = [modules(legal_name(m.name)) for m in system.modules]
         self.messages = self._messages_document()
 
@@ -130,7 +128,7 @@ class _Firmware:
                         ),
                     ),
                     c.Section("start, step"),
-                    self._checked_start(None),
+                    self._checked_start_function(None),
                     *self._inline_start(),
                     *(_prototype(f) for f in (self._step_function(), self._next_function())),
                     c.Section("topics from outside"),
@@ -148,7 +146,7 @@ class _Firmware:
         )
 
     def _certificate_define(self) -> tuple[c.CTop, ...]:
-        """The seal of the proof whose verdicts the system inherits (inherited.json), if any."""
+        """The define of the seal of the proof that the system inherits from, if any."""
         seal = self.system.certificate
         return (c.Define(f"{self.name}_CERTIFICATE", f'"{seal}"'),) if seal else ()
 
@@ -192,7 +190,7 @@ class _Firmware:
                         array=True,
                         comment="how old what SCs read may be",
                     ),
-                    self._checked_start(self._checked_start_body(len(outside), len(ages))),
+                    self._checked_start_function(self._checked_start_body(len(outside), len(ages))),
                     *(replace(f, doc="") for f in functions),
                 )
             )
@@ -217,12 +215,12 @@ class _Firmware:
         return f"{self.name}_{self.short[t.index]}"
 
     def _enum_defines(self) -> Iterator[c.CTop]:
-        """Names of numbers for the members of every enum that a topic has."""
-        seen: dict[EnumType, None] = {}
+        """The defines that name the numbers of the members of every enum in a topic."""
+        enums: dict[EnumType, None] = {}
         for t in self.topics:
-            seen |= {leaf: None for _, leaf in leaves(t.type) if isinstance(leaf, EnumType)}
-        unique = Unique()
-        for enum in seen:
+            enums |= {leaf: None for _, leaf in leaves(t.type) if isinstance(leaf, EnumType)}
+        unique = UniqueNames()
+        for enum in enums:
             base = unique(legal_name(enum.name.rpartition(".")[2]))
             for k, member in enumerate(enum.members):
                 yield c.Define(f"{self.name}_{base}_{legal_name(member)}", f"{k}U")
@@ -237,8 +235,8 @@ class _Firmware:
     def _const_self(self) -> tuple[str, str]:
         return (f"const {self.name} *", "self")
 
-    def _checked_start(self, body: tuple[c.CStmt, ...] | None) -> c.FunctionDef:
-        """`NAME_start_as`, which compares the layout; only its prototype without a body."""
+    def _checked_start_function(self, body: tuple[c.CStmt, ...] | None) -> c.FunctionDef:
+        """The function `NAME_start_as`, which compares the layout; a prototype without a body."""
         parameters = (
             self._self,
             ("const char *", "layout"),
@@ -276,7 +274,7 @@ class _Firmware:
         )
 
     def _inline_start(self) -> tuple[c.CTop, ...]:
-        """`NAME_start`, in the header, which passes the layout of its caller's compilation."""
+        """The function `NAME_start` of the header, which passes its caller's layout on."""
         arguments = (
             SELF,
             c.Name(f"{self.name}_LAYOUT"),
@@ -387,12 +385,12 @@ class _Firmware:
     # ------------------------------------------------------------ messages
 
     def _messages_document(self) -> dict[str, object]:
-        """`messages.json`: the layout of all messages, and its SHA-256 as `layout`."""
+        """The content of `messages.json`: the layout of all messages, and its SHA-256."""
         topics = [self._message_description(t) for t in self.topics]
         modules = [m.name for m in self.system.modules]
         size = self.unit.layout.size
-        seen = [{k: v for k, v in t.items() if k not in PLACE} for t in topics]
-        alike = {"schema": SCHEMA, "state_size": size, "topics": seen, "modules": modules}
+        layouts = [{k: v for k, v in t.items() if k not in PLACE} for t in topics]
+        alike = {"schema": SCHEMA, "state_size": size, "topics": layouts, "modules": modules}
         text = json.dumps(alike, sort_keys=True, separators=(",", ":"))
         return {
             "layout": hashlib.sha256(text.encode()).hexdigest(),
@@ -452,7 +450,7 @@ def _topic_comment(t: Topic) -> str:
 
 
 def described_type(t: Type) -> dict[str, object]:
-    """Describes a type and its layout in memory, as `messages.json` has it."""
+    """The description of a type and its layout in memory, for `messages.json`."""
     if (s := scalar(t)) is not None:
         description: dict[str, object] = {"kind": s.c_type, "size": s.size}
         if isinstance(t, EnumType):

@@ -1,4 +1,4 @@
-"""The times that proofs allow components: lateness, response, ages of what they read.
+"""Finds the times that proofs allow components: lateness, response, ages of their reads.
 
 Purpose: `late_limits` and `age_limits` give drivers and loops `late`, `response` and `dropout` of
 `verify` blocks to judge by.
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostics
 from soter.language.check.constants_and_types import Calculator, declared_ns
-from soter.targets.leases import nodes_on_the_way
+from soter.targets.leases import upstream_nodes
 
 if TYPE_CHECKING:
     from soter.language.model import typed
@@ -40,7 +40,7 @@ def late_limits(system: System) -> tuple[list[int], list[int]]:
 
 @dataclass(frozen=True)
 class AgeLimit:
-    """The greatest age in ns of a topic where a component reads it that a proof allows."""
+    """The greatest age, in ns, that a proof allows a topic when a component reads it."""
 
     component: int
     topic: int
@@ -48,15 +48,15 @@ class AgeLimit:
 
 
 def age_limits(system: System, module: Module) -> tuple[AgeLimit, ...]:
-    """The limits for topics with a `max_age` that SC and nodes between sensors and module read.
+    """The age limits of topics with a `max_age` that SC, or a node before the module, reads.
 
-    A sensor may be silent for `dropout` longer; of SC `age` may say less. Topics that plants of the
-    system drive are left out: they are as old as the plants say.
+    `dropout` makes each limit longer; `age` may make those of SC shorter. Topics that plants of the
+    system drive are left out: their ages follow from the plants.
     """
     longer = declared_ns(module, module.symbol.verify.dropout)
     age = module.symbol.verify.age
     ages = []
-    for x in (system.components[module.sc], *nodes_on_the_way(system, module)):
+    for x in (system.components[module.sc], *upstream_nodes(system, module)):
         sc_ages = [declared_ns(module, age)] if age is not None and x.index == module.sc else []
         ages += [
             AgeLimit(x.index, t.index, min([t.max_age_ns, *sc_ages]) + longer)

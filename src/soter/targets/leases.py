@@ -1,4 +1,4 @@
-"""Leases of modules' outputs, as C.
+"""Writes the leases of modules' outputs as C.
 
 Purpose: `lease_files` writes, for modules with a fail-safe law, `PREFIX_lease.h` and `.c` (the
 actuators' side: the law and the length of a lease, for `runtime/soter_lease.c`) and
@@ -55,7 +55,7 @@ class ReleaseBudget:
 class LeaseTimes:
     """The times of a module's leases; `budgets`: of its DM, its SC, then the nodes before them.
 
-    `undeclared`: which of `late` and `response` of DM and SC count as zero.
+    `undeclared`: the times of DM and SC that are not declared, and count as zero.
     """
 
     module: Module
@@ -87,7 +87,7 @@ def lease_times(system: System, module: Module) -> LeaseTimes:
         ),
     ]
     outer = module.name.rpartition(".")[0]
-    for node in nodes_on_the_way(system, module):
+    for node in upstream_nodes(system, module):
         name = node.name.removeprefix(f"{outer}.") if outer else node.name
         late, response = (of.get(name) for of in (verify.late_of, verify.response_of))
         takes = 0 if node.takes_ns is None else node.takes_ns[1]
@@ -105,12 +105,12 @@ def modules_with_law(system: System) -> list[Module]:
 
 
 def lease_names(system: System, prefix: str) -> dict[int, str]:
-    """By module, the begin of the C names of its lease; `a.b` and `a_b` have two."""
+    """The beginning of the C names of each lease, by module index; `a.b` and `a_b` differ."""
     unique = FileNames(prefix, ())
     return {m.index: unique.new_family(m.name, ENDINGS) for m in modules_with_law(system)}
 
 
-def nodes_on_the_way(system: System, module: Module) -> Iterator[Component]:
+def upstream_nodes(system: System, module: Module) -> Iterator[Component]:
     """The nodes that DM and SC depend on, no controllers, in order of declaration."""
     wanted = {*module.inputs, *_read_topics(system.components[module.sc])}
     left = [x for x in system.components if x.role == "node" and x.node is not None]
@@ -171,7 +171,7 @@ def _lease_declarations(
     module = times.module
     yield c.Section(f"module {module.name}")
     members = tuple(
-        c.StructMember(types.stored_type(system.topics[i].type), _field_name(system, i))
+        c.StructMember(types.stored_type(system.topics[i].type), _output_field(system, i))
         for i in module.outputs
     )
     yield c.StructDef(f"{name}_command", members, "what it publishes")
@@ -183,7 +183,7 @@ def _lease_declarations(
         yield c.Define(nodes(b.name), f"{k}U")
 
 
-def _field_name(system: System, topic: int) -> str:
+def _output_field(system: System, topic: int) -> str:
     return field_name(system.topics[topic].symbol.name.rpartition(".")[2])
 
 
@@ -191,7 +191,7 @@ def _law_definitions(
     system: System, times: LeaseTimes, name: str, types: TypeTable
 ) -> Iterator[c.CTop]:
     values = tuple(
-        (_field_name(system, i), types.initializer(system.topics[i].type, times.module.law[i]))
+        (_output_field(system, i), types.initializer(system.topics[i].type, times.module.law[i]))
         for i in times.module.outputs
     )
     comment = f"the fail-safe law of {times.module.name}"
@@ -205,11 +205,11 @@ def _law_definitions(
 
 
 def _grant_definitions(times: LeaseTimes, name: str) -> Iterator[c.CTop]:
-    def numbers(b: ReleaseBudget) -> c.CExpr:
+    def budget_row(b: ReleaseBudget) -> c.CExpr:
         of: Sequence[str] = ("period", "phase", "late", "response")
         return c.Initializer(tuple((n, c.Number(f"INT64_C({getattr(b, n)})")) for n in of))
 
-    rows = c.Initializer(tuple((None, numbers(b)) for b in times.budgets))
+    rows = c.Initializer(tuple((None, budget_row(b)) for b in times.budgets))
     who = ", ".join(b.name for b in times.budgets)
     yield c.VariableDef("soter_budget", f"{name}_budgets", rows, array=True, comment=who)
     info = (("node", c.Name(f"{name}_budgets")), ("nodes", c.Number(f"{len(times.budgets)}U")))
@@ -217,12 +217,12 @@ def _grant_definitions(times: LeaseTimes, name: str) -> Iterator[c.CTop]:
 
 
 def lease_notes(system: System) -> list[str]:
-    """Says for whoever builds how long leases are, and which times count as zero."""
+    """Notes for people on how long leases are, and on the times that count as zero."""
     return [lease_note(module, lease_times(system, module)) for module in modules_with_law(system)]
 
 
 def lease_note(module: Module, times: LeaseTimes) -> str:
-    """Says how long a module's leases are, and which of its times count as zero."""
+    """A note for people on how long a module's leases are, and on its times that count as zero."""
     text = f"{module.name}: a lease ends {show_ns(times.longest)} after its release at most"
     if times.undeclared:
         zero = ", ".join(times.undeclared)

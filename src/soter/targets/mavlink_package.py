@@ -63,9 +63,9 @@ MAVLINK_C = Dialect(
     *("", "", "strncmp({0}, {1}, sizeof {0}) == 0", "(void)strncpy({0}, {1}, sizeof {0})"),
     set_bounded="(void)strncpy({0}, {1}, sizeof {0})",
 )
-"""How pymavlink's C is written: no sequences, and a text that fills its array has no end."""
+"""How pymavlink's C is written: it has no sequences, and a text that fills its array has no NUL."""
 STAMPED = {"time_boot_ms": 1_000_000, "time_usec": 1_000}
-"""By field that says when a message goes out: its unit in ns."""
+"""The fields that say when a message goes out, with their units in ns."""
 _LIMIT = re.compile(r"(U?)INT(8|16|32|64)_MAX")
 
 
@@ -125,7 +125,7 @@ class BridgeSource:
             "tests": [
                 _equality_test(message, path, value, converter) for path, value in constants.items()
             ],
-            "stamp": converter.stamp_number(mapped.stamp) if mapped.stamp else "-1",
+            "stamp": converter.number_stamp_code(mapped.stamp) if mapped.stamp else "-1",
             "stamped": "true" if mapped.stamp else "false",
             "whose": self.sources.index(source or self.link.autopilot),
         }
@@ -148,8 +148,8 @@ def _message_type(mapped: TopicMap) -> MavlinkMessage:
 def _equality_test(
     message: MavlinkMessage, path: str, value: object, converter: MessageConverter
 ) -> str:
-    """A C condition that a field has the value that the mapping says in `set`."""
-    field, kind = converter.field_code(path), message.leaf(path)
+    """The C condition that a field has the value that the mapping gives it in `set`."""
+    field, kind = converter.field_code(path), message.primitive_type(path)
     if isinstance(value, str):
         return f"({MAVLINK_C.same_text.format(field, text(value))})"
     if kind in FLOATS:
@@ -158,7 +158,7 @@ def _equality_test(
 
 
 def _version_1_refusal(mapped: TopicMap) -> Iterator[str]:
-    """C that refuses a frame of MAVLink 1 where extensions are read, which it has not."""
+    """The C that refuses a frame of MAVLink 1 if the mapping reads extensions, which it lacks."""
     stamp = [mapped.stamp.path] if mapped.stamp is not None else []
     read = {path.partition(".")[0] for path in (*mapped.names, *mapped.constants, *stamp)}
     if read & _message_type(mapped).extensions:
@@ -166,12 +166,12 @@ def _version_1_refusal(mapped: TopicMap) -> Iterator[str]:
 
 
 def _unknown_value_refusals(mapped: TopicMap, converter: MessageConverter) -> Iterator[str]:
-    """C that refuses a message in which a number is MAVLink's for "not known"."""
+    """The C that refuses a message in which a field has MAVLink's number for "not known"."""
     message = _message_type(mapped)
     for name in mapped.names:
         (field, _), *inside = path_steps(message, name, MAVLINK)
         unknown = message.invalid.get(field, "").strip("[]").partition(",")[0].rstrip(":")
-        kind = message.leaf(name)
+        kind = message.primitive_type(name)
         names = dict.fromkeys([name, *([f"{field}.0"] if inside else [])])
         tests = [_unknown_value_test(converter.field_code(n), kind, unknown) for n in names]
         if unknown and all(tests):
@@ -179,7 +179,7 @@ def _unknown_value_refusals(mapped: TopicMap, converter: MessageConverter) -> It
 
 
 def _unknown_value_test(at: str, kind: str, none: str) -> str:
-    """A C condition that a field is the number that MAVLink names `none`; "" without one."""
+    """The C condition that a field has the number `none`, MAVLink's for "not known", or ""."""
     if kind in FLOATS:
         if none.upper() == "NAN":
             return f"{at} != {at}"
@@ -190,14 +190,14 @@ def _unknown_value_test(at: str, kind: str, none: str) -> str:
 
 
 def _address_statements(mapped: TopicMap) -> Iterator[str]:
-    """C that sets receiver and time of a message, unless the mapping says them."""
+    """The C that sets the receiver and time of a message, unless the mapping does so."""
     message = _message_type(mapped)
     filled = {*mapped.names, *mapped.constants}
     stamped = {"target_system": "e->to.system", "target_component": "e->to.component"}
     stamped |= {n: f"(uint64_t)(e->written_ns / {unit})" for n, unit in STAMPED.items()}
     for name in message.fields_in_order:
         if name in stamped and name not in filled:
-            cast = "(uint32_t)" if message.leaf(name) == "uint32" else ""
+            cast = "(uint32_t)" if message.primitive_type(name) == "uint32" else ""
             yield f"m.{name} = {cast}{stamped[name]};"
 
 
@@ -212,7 +212,7 @@ OF_EVERY_BRIDGE = ("HEARTBEAT", "TIMESYNC")
 def dialect_headers(dialect: MavlinkDialect, used: Iterable[str]) -> list[PackageFile]:
     """The headers of a dialect for the messages `used`, by name, and for every bridge."""
     names = sorted({*OF_EVERY_BRIDGE, *used})
-    generated = _generate_headers(dialect.xml, {*PROTOCOL, *map(_header_name, names)})
+    generated = _generated_headers(dialect.xml, {*PROTOCOL, *map(_header_name, names)})
     files = [PackageFile(f"{FOLDER}/{name}", text) for name, text in sorted(generated.items())]
     header = filled_file(
         f"{FOLDER}/soter_mavlink_dialect.h",
@@ -228,8 +228,8 @@ def _header_name(message: str) -> str:
     return f"mavlink_msg_{message.lower()}.h"
 
 
-def _generate_headers(document: bytes, wanted: set[str]) -> dict[str, str]:
-    """By name, the texts of the `wanted` headers that pymavlink generates of a dialect."""
+def _generated_headers(document: bytes, wanted: set[str]) -> dict[str, str]:
+    """The texts, by name, of the `wanted` headers that pymavlink generates from a dialect."""
     from pymavlink.generator import mavgen  # noqa: PLC0415 - an extra
 
     with tempfile.TemporaryDirectory() as place:
@@ -261,11 +261,11 @@ IGNORED: dict[str, dict[int, tuple[str, ...]]] = {
         128: ("q.0", "q.1", "q.2", "q.3"),
     },
 }
-"""By message and bit of its `type_mask`: the fields that an autopilot then ignores."""
+"""The fields that an autopilot ignores by a bit of `type_mask`, by message and bit."""
 
 
 def set_point_problems(mapped: TopicMap) -> list[str]:
-    """Says what is wrong with a set-point that goes out, by its `set` and `type_mask`."""
+    """The mistakes in the `set` and `type_mask` of a set-point that goes out."""
     message = mapped.message
     bits = IGNORED.get(message.name if message else "")
     if message is None or bits is None:
@@ -303,7 +303,7 @@ SOURCES_MAX, TOPICS_MAX = 16, 64
 
 
 def mavlink_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap) -> Package:
-    """Makes the package; SoterError D015 if the mapping does not fit, U001 with plants inside."""
+    """The package for MAVLink; SoterError D015 if the mapping does not fit, U001 with plants."""
     require_world(system)
     mapped = maps_by_topic(bridged_topics(system, mapping, "MAVLink", None), "MAVLink")
     link = mapping.mavlink
@@ -392,7 +392,7 @@ def _source_mistakes(m: TopicMap) -> list[str]:
 
 
 def _late_law_mistakes(source: BridgeSource) -> list[str]:
-    """Says where the law of a silent trusted part would come after `offboard_loss`."""
+    """The mistakes that the law of a silent trusted part would come after `offboard_loss`."""
     link = source.link
     problems = []
     for index, m in source.outward.items():

@@ -46,9 +46,9 @@ INTEGERS = {
     "byte": (-128, 127),
     "char": (0, 255),
 }
-"""By integer type of ROS 1: its least and greatest value."""
+"""The least and greatest value of each integer type of ROS 1."""
 UNSIGNED_BYTE = {"byte": (0, 255)}
-"""By integer type whose range differs in ROS 2: its range there."""
+"""The ranges of integer types that differ in ROS 2."""
 FLOATS = ("float32", "float64")
 
 
@@ -56,7 +56,7 @@ FLOATS = ("float32", "float64")
 class Dialect:
     """How a language writes a sequence's size and item, a record's member, and sets a text.
 
-    `set_bounded`: how it sets a text of so many bytes.
+    `set_bounded`: how it sets a text whose length in bytes is bounded, "" if in the same way.
     """
 
     size: str
@@ -109,13 +109,13 @@ class MessageConverter:
     def _inward_leaf_lines(self, path: LeafPath, leaf: Leaf, to: str) -> list[str]:
         t = self.types[path]
         if isinstance(leaf, ConstantSource):
-            return [f"{to} = {self._constant(t, leaf.value)};"]
+            return [f"{to} = {self._constant_code(t, leaf.value)};"]
         if isinstance(leaf, NearestSource):
             return [*self._inward_scan_lines(path, leaf, to)]
         if not isinstance(leaf, SignalSource):
             field = "is a slope, which `monitor` can take and a robot in flight cannot: map a speed"
-            raise unmappable(f"`{self.mapped.name_of(path)}` {field}")
-        field, kind = self.field_code(leaf.name), self.type.leaf(leaf.name, self.ros)
+            raise unmappable(f"`{self.mapped.leaf_name(path)}` {field}")
+        field, kind = self.field_code(leaf.name), self.type.primitive_type(leaf.name, self.ros)
         if isinstance(t, FloatType):
             return [f"{to} = {_scaling_code(f'(double){field}', leaf)};"]
         if isinstance(t, BoolType):
@@ -126,12 +126,12 @@ class MessageConverter:
         return [*self._inward_int_lines(path, t, field, kind, to)]
 
     def _inward_scan_lines(self, path: LeafPath, leaf: NearestSource, to: str) -> Iterable[str]:
-        """A call of a function of soter_scan.hpp, which is C++."""
+        """The statements that call a function of soter_scan.hpp, which is C++."""
         if self.dialect is not CPP:
             problem = "is what is nearest in a scan, which only the bridges of ROS can tell"
-            raise unmappable(f"`{self.mapped.name_of(path)}` {problem}")
+            raise unmappable(f"`{self.mapped.leaf_name(path)}` {problem}")
         limits = f"{leaf.most!r}, {leaf.unseen}U"
-        return refusal_code(f"!soter::nearest_{leaf.what}({self.message}, {limits}, &{to})")
+        return refusal_code(f"!soter::nearest_{leaf.quantity}({self.message}, {limits}, &{to})")
 
     def _inward_enum_lines(self, t: EnumType, field: str, to: str) -> Iterator[str]:
         for k, member in enumerate(t.members):
@@ -146,7 +146,7 @@ class MessageConverter:
         self, path: LeafPath, t: Type, field: str, kind: str, to: str
     ) -> Iterator[str]:
         if kind not in self.integers:
-            raise unmappable(f"`{self.mapped.name_of(path)}` is `{t}`, the field a `{kind}`")
+            raise unmappable(f"`{self.mapped.leaf_name(path)}` is `{t}`, the field a `{kind}`")
         s = scalar(t)
         assert s is not None
         (low, high), (least, most) = storage_range(s), self.integers[kind]
@@ -161,10 +161,10 @@ class MessageConverter:
         yield f"{to} = ({s.c_type}){field};"
 
     def _indexed_sequences(self) -> list[tuple[str, int]]:
-        """The sequences that are indexed, each with its greatest index."""
+        """The sequences of which the mapping reads elements, each with its greatest index."""
         most: dict[str, int] = {}
         for name in self.mapped.names:
-            if self.type.field(name, self.ros).through != "sequence":
+            if self.type.field_at(name, self.ros).through != "sequence":
                 continue
             parts = name.split(".")
             at, *more = [i for i, p in enumerate(parts) if p.isdigit()]
@@ -182,18 +182,18 @@ class MessageConverter:
         for path, leaf in self.mapped.leaves.items():
             if isinstance(leaf, NearestSource):
                 raise unmappable(
-                    f"`{self.mapped.name_of(path)}` goes out, and no scan is made of it"
+                    f"`{self.mapped.leaf_name(path)}` goes out, and no scan is made of it"
                 )
             if isinstance(leaf, SignalSource):
                 lines += self._outward_leaf_lines(path, leaf, f"{value}{self.leaf_code(path)}")
         for name, constant in self.mapped.constants.items():
-            lines.append(self._set_constant(name, constant))
+            lines.append(self._constant_statement(name, constant))
         return lines
 
     def _outward_leaf_lines(self, path: LeafPath, leaf: SignalSource, value: str) -> list[str]:
         t, to = self.types[path], self.field_code(leaf.name)
-        field = self.type.field(leaf.name, self.ros)
-        named = f"`{self.mapped.name_of(path)}`"
+        field = self.type.field_at(leaf.name, self.ros)
+        named = f"`{self.mapped.leaf_name(path)}`"
         if field.through == "sequence":
             raise unmappable(f"{named} goes into an element of a sequence, which is empty")
         if isinstance(t, FloatType) and field.type in FLOATS:
@@ -204,7 +204,7 @@ class MessageConverter:
         if isinstance(t, EnumType) and field.type == "string":
             *first, last = [text_literal(m) for m in t.members]
             chain = "".join(f"{value} == {k}U ? {m} : " for k, m in enumerate(first))
-            return [self._set_text(leaf.name, t.members, f"({chain}{last})")]
+            return [self._text_statement(leaf.name, t.members, f"({chain}{last})")]
         if isinstance(t, IntType) and field.type in self.integers:
             low, high = self.integers[field.type]
             if t.low < low or t.high > high:
@@ -212,10 +212,10 @@ class MessageConverter:
             return [f"{to} = {value};"]
         raise unmappable(f"{named} is `{t}`, and the field that it goes into a `{field.type}`")
 
-    def _set_constant(self, name: str, constant: object) -> str:
-        kind, to = self.type.leaf(name, self.ros), self.field_code(name)
+    def _constant_statement(self, name: str, constant: object) -> str:
+        kind, to = self.type.primitive_type(name, self.ros), self.field_code(name)
         if isinstance(constant, str) and kind == "string":
-            return self._set_text(name, [constant], text_literal(constant))
+            return self._text_statement(name, [constant], text_literal(constant))
         if isinstance(constant, bool) and kind in ("bool", "uint8"):
             return f"{to} = {'true' if constant else 'false'};"
         if isinstance(constant, (int, float)) and not isinstance(constant, bool):
@@ -226,7 +226,7 @@ class MessageConverter:
                 return f"{to} = {_int_code(constant, unsigned=low == 0)};"
         raise unmappable(f"`set` of `{self.mapped.topic.name}`: {constant!r} is no `{kind}`")
 
-    def _set_text(self, name: str, texts: Iterable[str], code: str) -> str:
+    def _text_statement(self, name: str, texts: Iterable[str], code: str) -> str:
         """The statement that sets a text to `code`, which is one of `texts`."""
         bound = text_bound(self.type, name, self.ros) if self.dialect.set_bounded else 0
         long = [t for t in texts if bound and len(t.encode("utf-8", "surrogatepass")) > bound]
@@ -249,25 +249,25 @@ class MessageConverter:
             code = form[step].format(code, part)
         return code
 
-    def stamp_number(self, stamp: StampSource) -> str:
+    def number_stamp_code(self, stamp: StampSource) -> str:
         """The code of the time of measurement, in ns, where a message's stamp is a number."""
         unit = f"{stamp.unit_ns.numerator}, {stamp.unit_ns.denominator}"
         return f"soter_ns_of_number((long double){self.field_code(stamp.path)}, {unit})"
 
     @staticmethod
     def leaf_code(path: LeafPath) -> str:
-        """The code of a leaf, to stand behind the code of the value."""
+        """The code of a leaf, to be appended to the code of its topic's value."""
         return "".join(f".at{p}" if p.startswith("[") else f".{field_name(p)}" for p in path)
 
     @staticmethod
-    def _constant(t: Type, value: Value) -> str:
+    def _constant_code(t: Type, value: Value) -> str:
         if isinstance(t, FloatType):
             return repr(float(value))
         return f"{int(value)}U" if isinstance(t, (BoolType, EnumType)) else _int_code(int(value))
 
 
 def topic_tests(topic: Topic, value: str) -> list[str]:
-    """C++ conditions for a value that the trusted part takes: finite, and in the topic's set."""
+    """C++ conditions that the trusted part accepts a value: it is finite and in the topic's set."""
     tests = []
     for (path, t), bound in zip(leaves(topic.type), topic.bounds, strict=True):
         field = f"{value}{MessageConverter.leaf_code(path)}"
@@ -312,10 +312,10 @@ def text_literal(text: str) -> str:
 
 
 def unmappable(why: str) -> SoterError:
-    """Gives a SoterError D015 for what no bridge can do."""
+    """The SoterError D015 for a mapping that no bridge can carry out."""
     return mistake("D015", why)
 
 
 def refusal_code(condition: str) -> tuple[str, str, str]:
-    """C (and C++) that refuses a message where a condition holds."""
+    """The C (and C++) statements that refuse a message where a condition holds."""
     return f"if ({condition}) {{", "  return false;", "}"

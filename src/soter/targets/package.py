@@ -12,12 +12,12 @@ import json
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from soter.addons import by_name
+from soter.addons import load_module
 from soter.diagnostics.diagnostic import SoterError, mistake
 from soter.diagnostics.system_texts import reason
 from soter.language.load.named_files import ReadError, read_bytes
 from soter.native.compiler import MEANING, STANDARD, WARNINGS
-from soter.report.atomic_write import atomic_write, own_place
+from soter.report.atomic_write import atomic_write, own_path
 from soter.report.templates import filled
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ class PackageFile:
 
 
 def filled_file(path: str, template: str, /, **context: object) -> PackageFile:
-    """Makes a file from a template below this folder, which also gets the flags of its C."""
+    """The file made from a template below this folder, which also gets the flags of its C."""
     text = filled(
         f"targets/{template}.j2",
         **context,
@@ -66,8 +66,8 @@ def shipped_file(source: Path, folder: str = "") -> PackageFile:
 class Package:
     """The files that a target writes, with notes for the person who builds them.
 
-    `written` and `kept` are filled by `write`: paths in `folder`. `target` is filled in from the
-    table of targets (`package.py`), so that one made over another is not called by its name.
+    `written` and `kept` are filled by `write`: paths in `folder`. `build_package` sets `target`, as
+    the package of one target may be made from that of another.
     """
 
     folder: Path
@@ -108,12 +108,12 @@ class Package:
                 continue
             self._write_file(file.path, file.text)
             self.written.append(file.path)
-        ours = {f.path: _digest(f.text) for f in self.files if not f.yours}
+        ours = {f.path: _text_digest(f.text) for f in self.files if not f.yours}
         self._write_file(MANIFEST, json.dumps(ours, indent=1) + "\n")
         return self
 
     def _is_foreign(self, file: PackageFile) -> bool:
-        """Whether a file stands there that soter neither wrote so nor would write so now."""
+        """Whether another file has this path: neither as soter wrote it, nor as it would now."""
         path = self.folder / file.path
         try:
             digest = hashlib.sha256(read_bytes(path, BYTES_MAX)).hexdigest()
@@ -121,10 +121,10 @@ class Package:
             if error.missing or path.is_file():
                 return not error.missing
             raise _write_error(path, error) from error
-        return digest not in {self._earlier_digests().get(file.path), _digest(file.text)}
+        return digest not in {self._earlier_digests().get(file.path), _text_digest(file.text)}
 
     def _earlier_digests(self) -> dict[str, str]:
-        """The digests that an earlier build noted, by path; empty where there was none."""
+        """The digests that an earlier build noted, by path; {} if there was no build."""
         try:
             noted = json.loads(read_bytes(self.folder / MANIFEST))
         except (OSError, ValueError, RecursionError):
@@ -133,13 +133,13 @@ class Package:
 
     def _write_file(self, name: str, text: str) -> None:
         try:
-            with atomic_write(own_place(self.folder, name)) as stream:
+            with atomic_write(own_path(self.folder, name)) as stream:
                 stream.write(text.encode("utf-8", "surrogatepass"))
         except OSError as error:
             raise _write_error(self.folder / name, error) from error
 
 
-def _digest(text: str) -> str:
+def _text_digest(text: str) -> str:
     return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
 
 
@@ -152,8 +152,8 @@ class Target:
     """A target: the function that makes its package, and what it needs beside system and Core."""
 
     make: str
-    """`MODULE:FUNCTION`, imported when somebody builds for it: from (system, core, folder), and the
-    mapping or board and run where it wants them."""
+    """`MODULE:FUNCTION`, imported when it is needed; called with (system, core, folder), and with a
+    mapping, or a board and a run, if the target needs them."""
     page: str = ""
     """The page that tells about its package, which then has no README.md."""
     mapped: bool = False
@@ -175,7 +175,7 @@ TARGETS = {
     ),
     "cortex-m": Target("soter.targets.cortex_m_package:cortex_m_package", boarded=True),
 }
-"""By name, the default first: each target; whatever asks about targets reads this table."""
+"""The targets by name, the default first; all code that asks about targets reads this table."""
 
 
 def build_package(
@@ -200,14 +200,14 @@ def build_package(
     require_options(target, mapping=mapping is not None, board=onto is not None)
     others = onto or (() if mapping is None else (mapping,))
     module, _, name = TARGETS[target].make.partition(":")
-    package: Package = getattr(by_name(module), name)(system, core, folder, *others)
+    package: Package = getattr(load_module(module), name)(system, core, folder, *others)
     package.target = target
     package.files += more
     return package.write() if write else package
 
 
 def require_options(target: str, *, mapping: bool, board: bool) -> None:
-    """Raises SoterError U001 for an unknown target, or a mapping or board too many or too few."""
+    """Raises SoterError U001 for an unknown target, or a missing or needless mapping or board."""
     if target not in TARGETS:
         known = f"there is {', '.join(f'`{t}`' for t in TARGETS)}"
         raise mistake("U001", f"the target `{target}` does not exist", known)

@@ -18,7 +18,7 @@ from soter.codegen.c_names import field_name
 from soter.codegen.c_printer import string_text
 from soter.codegen.externs import request_fields
 from soter.diagnostics.diagnostic import Diagnostics
-from soter.language.load.named_files import is_in_python
+from soter.language.load.named_files import is_answered_by_python
 from soter.native.shared_library import RUNTIME
 from soter.report.wording import changed_parameters
 from soter.targets import c99
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
 POSIX = RUNTIME / "posix"
 CHECK = "soter_posix_check.c"
-"""The file whose function is called where a check fails; the actuators' program has another."""
+"""The file with the function for failed checks; the actuators' program has another one."""
 CHANNEL = ("soter_channel.h", "soter_channel.c", CHECK)
 DRIVER = (
     *("soter_posix.h", "soter_posix.c", "soter_posix_clock.c"),
@@ -64,7 +64,7 @@ SLOTS = (64, 4096)
 FIRST_LINE = "soter recording 1"
 """The first line of the file that `--record` writes."""
 FOR_EVER = 2**61
-"""The end of a system in the world that says none; a signal ends it."""
+"""The end, in ns, of a system in the world that declares none: only a signal ends it."""
 
 
 @dataclass(frozen=True)
@@ -83,10 +83,10 @@ class Worker:
 
 
 def posix_package(system: System, core: CoreSystem, folder: Path) -> Package:
-    """Makes the package; SoterError X008 for an extern node that cannot be a process of its own."""
+    """The package; SoterError X008 for an extern node that cannot be a process of its own."""
     require_separable(system)
     nodes = extern_nodes(system)
-    elsewhere = frozenset(x.index for x in nodes if is_in_python(x.binding))
+    elsewhere = frozenset(x.index for x in nodes if is_answered_by_python(x.binding))
     program = c99.ProgramInC(system, core, frozenset(x.index for x in nodes), elsewhere)
     unit, command = program.unit, program.command
     workers = [_worker_of_node(program, x) for x in nodes]
@@ -103,7 +103,7 @@ def posix_package(system: System, core: CoreSystem, folder: Path) -> Package:
     trusted = sorted([*trusted, *([c99.STUBS] if program.plants else [])])
     files += [*world.channel_files(), *channel_document_files(system), *copied]
     files += program.stub_files()
-    beside = _programs_beside(files, program, workers, world)
+    beside = _add_programs_beside(files, program, workers, world)
     context |= {"trusted": trusted, "beside": beside}
     files += [filled_file(n, f"posix/{n}", **context) for n in ("Makefile", "README.md")]
     notes = [*program.notes, *world.notes, *(t.bound_text for t in takeover_bounds(system))]
@@ -154,7 +154,7 @@ def require_separable(system: System) -> None:
 
 
 def fields_read(system: System, unit: Unit, x: Component) -> tuple[tuple[str, str], ...]:
-    """By topic that an extern node reads: its field in C, and its member among the topics."""
+    """The field in C, and the member among the topics, of each topic that an extern node reads."""
     assert x.node is not None
     fields = (field_name(name) for name, _ in request_fields(system, x))
     members = (unit.topics[x.scope.topics[s.topic]][1] for s in x.node.subscribes)
@@ -167,7 +167,7 @@ def fields_read(system: System, unit: Unit, x: Component) -> tuple[tuple[str, st
 def _worker_of_node(program: c99.ProgramInC, x: Component) -> Worker:
     unit, exchange = program.unit, make_exchange(program.system, x)
     name, reads = unit.names[x.index], fields_read(program.system, unit, x)
-    if is_in_python(x.binding):
+    if is_answered_by_python(x.binding):
         return Worker(x, exchange, name, reads, "", "", "")
     assert x.binding is not None
     _, source, symbol = x.binding.split(":")
@@ -175,7 +175,7 @@ def _worker_of_node(program: c99.ProgramInC, x: Component) -> Worker:
     return Worker(x, exchange, name, reads, f"{program.command}_{short}", source, symbol)
 
 
-def _programs_beside(
+def _add_programs_beside(
     files: list[PackageFile], program: c99.ProgramInC, workers: list[Worker], world: WorldTables
 ) -> dict[str, list[str]]:
     """Adds the files of workers and actuators; gives the sources of each of their programs."""
@@ -184,14 +184,14 @@ def _programs_beside(
         files.append(shipped_file(POSIX / WORKER))
     if world.topics or world.granted:
         files += [shipped_file(POSIX / n) for n in STATUS_TEXT]
-    beside = _worker_files(files, program.unit, built)
+    beside = _add_worker_files(files, program.unit, built)
     if actuators := world.actuator_files():
         files += [*actuators, *(shipped_file(POSIX / n) for n in ACTUATOR)]
         beside[f"{program.command}_actuator"] = world.actuator_sources()
     return beside
 
 
-def _worker_files(
+def _add_worker_files(
     files: list[PackageFile], unit: Unit, built: list[Worker]
 ) -> dict[str, list[str]]:
     """Adds the files of workers; gives the sources of each of their programs."""
@@ -218,7 +218,6 @@ def _worker_files(
 def _template_values(
     program: c99.ProgramInC, workers: list[Worker], world: WorldTables
 ) -> dict[str, object]:
-    """The values for the templates of a package."""
     system, unit = program.system, program.unit
     words = [world.value_words, *((size + 7) // 8 for w in workers for size in w.exchange.sizes)]
     flown = [FIRST_LINE, *(f"{n}={text}" for n, text in flight_head(system, unit.layout).items())]

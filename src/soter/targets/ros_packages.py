@@ -35,7 +35,7 @@ from soter.targets.bridge_base import (
     BridgedSystem,
     bridged_topics,
     moved_into_folder,
-    promise_lines,
+    promise_notes,
     unmapped_notes,
 )
 from soter.targets.c99 import c99_package
@@ -54,11 +54,11 @@ NEEDED = {
     1: ("roscpp", "diagnostic_msgs", "rosgraph_msgs", "std_msgs"),
     2: ("rclcpp", "diagnostic_msgs", "builtin_interfaces", "rosgraph_msgs", "std_msgs"),
 }
-"""By version of ROS: the packages that every bridge needs."""
+"""The packages that every bridge needs, by version of ROS."""
 FOLDER = {1: "catkin", 2: "ament"}
-"""By version of ROS: the folder of its templates."""
+"""The folder of the templates, by version of ROS."""
 LAUNCH = {1: (".launch", ".launch.xml"), 2: (".launch.py", ".launch.py")}
-"""By version of ROS: the endings of launch files, and of their templates."""
+"""The endings of launch files, and of their templates, by version of ROS."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ class RosPackage:
 
 
 def ros_files(p: RosPackage, *, tested: bool) -> list[PackageFile]:
-    """Makes the build and launch files; `tested`: whether a catkin package has `test/`."""
+    """The build and launch files; `tested`: whether a catkin package has `test/`."""
     folder, (end, template) = FOLDER[p.version], LAUNCH[p.version]
     files = [
         p.template_file("package.xml", "package.xml"),
@@ -125,7 +125,7 @@ RAYS = 36
 
 
 def why_untested(p: RosPackage) -> str:
-    """Says why the package has no test; "" where it has one."""
+    """The reason why the package has no test, in words; "" if it has one."""
     if not p.bridged.has_actuators:
         return "no actuators obey"
     if not _awaited_topics(p):
@@ -142,7 +142,7 @@ def _publishers(p: RosPackage) -> list[str]:
 
 
 def rostest_files(p: RosPackage) -> list[PackageFile]:
-    """Makes the files of a catkin package's test; none where `why_untested` has a reason."""
+    """The files of a catkin package's test; none where `why_untested` has a reason."""
     if why_untested(p):
         return []
     document = json.dumps(_test_document(p), indent=1) + "\n"
@@ -155,7 +155,7 @@ def rostest_files(p: RosPackage) -> list[PackageFile]:
 
 
 def _awaited_topics(p: RosPackage) -> list[TopicMap]:
-    """The topics that come in and are awaited: not those that ACs alone read."""
+    """The incoming topics for which the trusted part waits: not those that only ACs read."""
     return [m for m in p.mapped if p.bridged.world.is_awaited(m.topic)]
 
 
@@ -197,7 +197,7 @@ def _stand_in(m: TopicMap) -> dict[str, object]:
             fields |= _ring_scan(leaf)
         elif isinstance(leaf, SignalSource):
             high = math.inf if bound is None else bound.high
-            fields[leaf.name] = _message_field(t, leaf, _value_beside(t, value, high))
+            fields[leaf.name] = _message_field(t, leaf, _value_off_default(t, value, high))
     if m.frame_id is not None:
         fields["header.frame_id"] = m.frame_id
     stamp = [] if m.stamp is None else [m.stamp.path, _unit_ns(m)]
@@ -210,8 +210,8 @@ def _unit_ns(m: TopicMap) -> float:
     return float(m.stamp.unit_ns) if m.stamp.kind == "number" else 0.0
 
 
-def _value_beside(t: Type, value: Value, high: float) -> Value:
-    """A value of the set other than the default, which is the law of many a command."""
+def _value_off_default(t: Type, value: Value, high: float) -> Value:
+    """A value of the set other than the default, as the default is often the fail-safe law."""
     if not isinstance(t, FloatType) or not math.isfinite(high):
         return value
     assert isinstance(value, float)
@@ -219,7 +219,7 @@ def _value_beside(t: Type, value: Value, high: float) -> Value:
 
 
 def _ring_scan(leaf: NearestSource) -> dict[str, object]:
-    """A scan that goes round once and sees nothing near."""
+    """The fields of a scan of one full turn in which nothing is near."""
     step = 2.0 * math.pi / RAYS
     far = 2.0 * leaf.most
     ends = {"angle_min": -math.pi, "angle_max": math.pi - step, "angle_increment": step}
@@ -240,7 +240,6 @@ def _expected_fields(m: TopicMap, law: Value) -> dict[str, object]:
 
 
 def _message_field(t: Type, leaf: Leaf, value: Value) -> object:
-    """The value of a message's field for the value of a leaf."""
     assert isinstance(leaf, SignalSource)
     if isinstance(t, BoolType):
         return bool(value)
@@ -252,7 +251,6 @@ def _message_field(t: Type, leaf: Leaf, value: Value) -> object:
 
 
 def _leaves_of(t: Type, value: Value) -> Iterator[Value]:
-    """The leaves of a value, in declared order."""
     if isinstance(t, RecordType):
         for (_, kind), part in zip(t.fields, value, strict=True):
             yield from _leaves_of(kind, part)
@@ -270,16 +268,16 @@ TOPIC = re.compile(r"/?[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)*")
 OTHER_MAINS = frozenset(("main.c", "soter_main.c", "soter_virtual.c"))
 SIMULATION = ("soter_messages.hpp", "soter_simulation.hpp")
 OF_ROS = {1: ("ros1", SIMULATION), 2: ("ros2", (*SIMULATION, "soter_publishers.hpp"))}
-"""By version of ROS: the folder of the C++ that ships, and its files for the simulation."""
+"""The folder of the C++ that ships, and its files for the simulation, by version of ROS."""
 OF_BOTH = (
     "soter_scan.hpp", "soter_sources.hpp", "soter_stamp_numbers.h", "soter_simulation_core.hpp",
 )  # fmt: skip
 
 
 def ros1_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap) -> Package:
-    """Makes the package; SoterError D015 where the mapping does not fit.
+    """The package for ROS 1; SoterError D015 where the mapping does not fit.
 
-    `mapping`: which topic is which message; of a system that meets the world it needs all topics
+    `mapping`: which topic is which message. For a system that meets the world it needs all topics
     that come in. A system with its plants inside has only the node under /clock.
     """
     package, ros = _package_and_values(system, core, folder, mapping, 1)
@@ -298,7 +296,7 @@ def ros1_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap
 
 
 def ros2_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap) -> Package:
-    """Makes the package as `ros1_package` does."""
+    """The package for ROS 2; parameters and errors as of `ros1_package`."""
     package, ros = _package_and_values(system, core, folder, mapping, 2)
     package.files += ros_files(ros, tested=True)
     launch = ros.name if system.externals else f"{ros.name}_simulation"
@@ -344,7 +342,7 @@ def _package_and_values(
         notes=[
             *(bridged.trusted.notes or simulated.notes),
             *unmapped_notes(system, mapped, "in ROS"),
-            *promise_lines(system, mapped),
+            *promise_notes(system, mapped),
         ],
         programs=bridged.trusted_programs,
         trusted=TRUSTED if system.externals else SIMULATED,

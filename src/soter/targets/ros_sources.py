@@ -50,7 +50,7 @@ MEMBERS = {
     "uint64": "uint64_t {} = 0U",
     "bool": "uint8_t {} = 0U",
 }
-"""By type: how the class of roscpp declares a field of it."""
+"""The declaration of a field in the class of roscpp, by the field's type."""
 
 
 def message_definition() -> str:
@@ -245,4 +245,4 @@ def _stamp_code(stamp: StampSource | None, converter: MessageConverter, *, scann
         return "soter::last_ray_ns(m, soter::ns_of(m.header.stamp))"
     if stamp.kind == "time":
         return f"soter::ns_of({converter.field_code(stamp.path)})"
-    return converter.stamp_number(stamp)
+    return converter.number_stamp_code(stamp)

@@ -1,6 +1,6 @@
-"""How long after a fault of an AC in another process the first output of SC is there.
+"""Bounds the time from a fault of an AC in another process to the first output of SC.
 
-Purpose: `takeover_bounds` computes it from releases and from the limits of lateness.
+Purpose: `takeover_bounds` computes this time from releases and from the limits of lateness.
 Non-goals: those limits (`late_limits.py`); who notices the fault (`runtime/posix/`).
 """
 
@@ -42,7 +42,7 @@ class Takeover:
 
     @property
     def bound_text(self) -> str:
-        """Says the bound in words."""
+        """The bound in words."""
         return (
             f"{self.module}: the first output of SC comes at most {show_ns(self.longest)} after a "
             f"request that AC does not answer ({show_ns(self.turn)} until it is SC's turn, "

@@ -42,14 +42,14 @@ HEAD_BYTES = 24
 """Bytes of a command's head: its stamp, the end of its lease, and the latest begin with it."""
 
 
-def _status_words(part: str) -> int:
+def _status_word_count(part: str) -> int:
     """How many words the trusted part's report has for each module or lease, by its C header."""
     header = (RUNTIME / "posix" / "soter_status.h").read_text(encoding="utf-8")
     return int(re.findall(rf"#define SOTER_STATUS_{part} (\d+)\n", header)[0])
 
 
 def channel_document(system: System) -> dict[str, object]:
-    """The document of all topics with a channel; `set`: a pair for each leaf, or None."""
+    """The content of `channels.json`: all topics with a channel; `set`: a pair a leaf, or None."""
     names = short_topic_names(system)
     return {
         "schema": CHANNELS_SCHEMA,
@@ -58,12 +58,12 @@ def channel_document(system: System) -> dict[str, object]:
             {
                 "name": t.name,
                 "channel": names[t.index],
-                "number": f"{layout_number(t):#018x}",
+                "number": f"{topic_layout_number(t):#018x}",
                 "published": FROM_OUTSIDE if t.driver == "input" else HERE,
                 "max_age_ns": t.max_age_ns,
                 "type": described_type(t.type),
                 "set": [
-                    _value_ends(leaf, b)
+                    _value_range(leaf, b)
                     for (_, leaf), b in zip(leaves(t.type), t.bounds, strict=True)
                 ],
             }
@@ -73,14 +73,14 @@ def channel_document(system: System) -> dict[str, object]:
 
 
 def channel_document_files(system: System) -> list[PackageFile]:
-    """Makes `channels.json`; none where no topic has a channel."""
+    """The file `channels.json`; none where no topic has a channel."""
     document = channel_document(system)
     if not document["topics"]:
         return []
     return [PackageFile(CHANNELS, json.dumps(document, indent=1) + "\n")]
 
 
-def layout_number(topic: Topic) -> int:
+def topic_layout_number(topic: Topic) -> int:
     """The number of the layout of a topic's value, which the head of its channel holds."""
     return number_of_layout(described_type(topic.type))
 
@@ -91,7 +91,7 @@ def number_of_layout(layout: object) -> int:
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big")
 
 
-def slow_parts(system: System, module: Module) -> list[str]:
+def slow_nodes(system: System, module: Module) -> list[str]:
     """The parts of a module's leases whose steps take time; with any, it has no leases."""
     of = {x.name: x for x in system.components}
     parts = [of[b.name] for b in lease_times(system, module).budgets]
@@ -99,13 +99,13 @@ def slow_parts(system: System, module: Module) -> list[str]:
 
 
 def _topics_with_channel(system: System) -> list[Topic]:
-    """The topics that meet the world, then outputs that are given with a lease."""
-    by_lease = [i for m in modules_with_law(system) if not slow_parts(system, m) for i in m.outputs]
+    """The topics that meet the world, then the outputs of modules that have leases."""
+    by_lease = [i for m in modules_with_law(system) if not slow_nodes(system, m) for i in m.outputs]
     outside = [e.topic for e in system.externals if e.topic not in by_lease]
     return [system.topics[i] for i in dict.fromkeys((*outside, *by_lease))]
 
 
-def _value_ends(t: Type, bound: Bound | None) -> list[float] | None:
+def _value_range(t: Type, bound: Bound | None) -> list[float] | None:
     """The least and the greatest value of a number, within its type; None without bounds."""
     if not isinstance(t, IntType):
         return None if bound is None else [bound.low, bound.high]
@@ -167,14 +167,14 @@ class WorldTables:
         self.granted: list[LeasedModule] = []
         self.notes: list[str] = []
         for module in modules_with_law(system):
-            self._note_grant(module)
+            self._add_lease_of_module(module)
         by_lease = {i for g in self.granted for i in g.module.outputs}
         self.topics = [system.topics[e.topic] for e in system.externals if e.topic not in by_lease]
 
-    def _note_grant(self, module: Module) -> None:
+    def _add_lease_of_module(self, module: Module) -> None:
         times = lease_times(self.system, module)
         index = {x.name: x.index for x in self.system.components}
-        if slow := slow_parts(self.system, module):
+        if slow := slow_nodes(self.system, module):
             self.notes.append(
                 f"{module.name}: no leases in real time: a step of {', '.join(slow)} takes time"
             )
@@ -215,13 +215,13 @@ class WorldTables:
 
     @property
     def moves_plants(self) -> bool:
-        """Whether the system has plants, for which commands have to come back into the state."""
+        """Whether the system has plants, so that commands must come back into the state."""
         return any(x.plant is not None for x in self.system.components)
 
     @staticmethod
     def number(topic: Topic) -> int:
         """The number of the layout of a topic's value, which the head of its channel holds."""
-        return layout_number(topic)
+        return topic_layout_number(topic)
 
     @property
     def status_number(self) -> int:
@@ -231,8 +231,8 @@ class WorldTables:
         return number_of_layout(
             {
                 "status": [modules, leases, [self.names[t.index] for t in self.topics]],
-                "words of a module": _status_words("MODULE"),
-                "words of a lease": _status_words("LEASE"),
+                "words of a module": _status_word_count("MODULE"),
+                "words of a lease": _status_word_count("LEASE"),
             }
         )
 
@@ -242,7 +242,7 @@ class WorldTables:
         return number_of_layout({"actuators": [g.module.name for g in self.granted]})
 
     def is_awaited(self, t: Topic) -> bool:
-        """Whether a start has to wait for the topic: it comes in, and more than ACs read it.
+        """Whether the start waits for a topic: one that comes in, and that not only ACs read.
 
         An acknowledgement alone is not awaited: without one SC keeps control.
         """
@@ -257,7 +257,7 @@ class WorldTables:
     # ------------------------------------------------------------ the actuators
 
     def actuator_files(self) -> list[PackageFile]:
-        """Makes the files of the actuators' program; none where no module has a law."""
+        """The files of the actuators' program; none where no module has a lease."""
         if not self.granted:
             return []
         files = (self._filled_file(n, n) for n in APP)
@@ -285,7 +285,7 @@ class WorldTables:
         return [*topics.values()]
 
     def channel_files(self) -> list[PackageFile]:
-        """Makes the header for other programs; none where no topic has a channel."""
+        """The header for other programs; none where no topic has a channel."""
         name = f"{self.unit.prefix}_channels.h"
         return [self._filled_file(name, "channels.h")] if self.topics_with_channel else []
 

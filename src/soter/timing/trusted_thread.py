@@ -106,11 +106,11 @@ class WorstResponse:
 
 @dataclass(frozen=True)
 class Analysis:
-    """`worst`: one for each task, in order; reached if `exact`, else only not exceeded.
+    """The latest start and end of each task of the thread, or the first miss of a deadline.
 
-    For `work` of each `hyperperiod` ns the thread is busy if every step is as long as it may be.
-    With a `miss` the figures are those seen until then, None for tasks not yet released. `worst` is
-    () where no bound is known. Neither exact nor a miss nor within all deadlines: undecided.
+    `worst`: one for each task, in order: reached if `exact`, else not exceeded; () if unknown. With
+    a `miss` they are those seen until then, None for tasks not yet released. The thread is busy for
+    at most `work` of each `hyperperiod` ns. Not exact, no miss, not in time: undecided.
     """
 
     worst: tuple[WorstResponse | None, ...]
@@ -120,15 +120,14 @@ class Analysis:
     hyperperiod: int
 
 
-def analyse(
+def analyse_thread(
     tasks: Sequence[Task], watch: Callable[[ScheduledStep], None] | None = None
 ) -> Analysis:
     """The latest start and end of every task; `tasks` in the order in which an instant runs them.
 
-    `watch` is told every step of the schedule in which all is as late as it may be, as far as it is
-    gone through; every later one starts and ends no later after its release than one that it was
-    told of the same task, a number of hyperperiods before. It is told none if the result is not
-    exact.
+    `watch` is called with each step of the schedule in which all is as late as it may be, as far as
+    that is followed. Every later step starts and ends no later after its release than a step of the
+    same task that was passed on. If the result is not exact, `watch` is not called.
     """
     if not tasks:
         return Analysis((), None, exact=True, work=0, hyperperiod=1)
@@ -139,8 +138,8 @@ def analyse(
     if steps + sum(first // t.period + 1 for t in tasks) > RELEASES_MAX:
         return _first_miss(tasks, work, hyperperiod) or _bound_responses(tasks, work, hyperperiod)
     thread = _Thread(tasks, watch)
-    thread.run_releases(0, _releases(tasks, 0, first))
-    window = _releases(tasks, first, first + hyperperiod)
+    thread.run_releases(0, _releases_between(tasks, 0, first))
+    window = _releases_between(tasks, first, first + hyperperiod)
     base, left = first, thread.work_left(first)
     while thread.miss is None:
         thread.run_releases(base - first, window)
@@ -149,13 +148,15 @@ def analyse(
         if left <= before:
             break
         if work > hyperperiod and thread.miss is None and left - before == work - hyperperiod:
-            base += _skip(thread, tasks, window, base - first - hyperperiod, work - hyperperiod)
+            base += _skip_hyperperiods(
+                thread, tasks, window, base - first - hyperperiod, work - hyperperiod
+            )
             left = thread.work_left(base)
     worst = tuple(thread.latest)
     return Analysis(worst, thread.miss, exact=True, work=work, hyperperiod=hyperperiod)
 
 
-def _releases(tasks: Sequence[Task], low: int, high: int) -> list[tuple[int, int]]:
+def _releases_between(tasks: Sequence[Task], low: int, high: int) -> list[tuple[int, int]]:
     """Every release in [low, high), with its task, in the order in which the thread works."""
     releases = []
     for i, t in enumerate(tasks):
@@ -183,7 +184,7 @@ class _Thread:
         return max(0, self.free - at)
 
     def run_releases(self, shift: int, releases: Iterable[tuple[int, int]]) -> None:
-        """Does these releases, `shift` later, up to the first that misses its deadline."""
+        """Runs these releases, each `shift` ns later, up to the first that misses its deadline."""
         for at, i in releases:
             task, release = self.tasks[i], at + shift
             ready = release + task.jitter
@@ -207,7 +208,7 @@ class _Thread:
                 return
 
 
-def _skip(
+def _skip_hyperperiods(
     thread: _Thread, tasks: Sequence[Task], window: list[tuple[int, int]], shift: int, more: int
 ) -> int:
     """Skips hyperperiods in which no deadline is missed yet; returns their length in ns.
@@ -233,7 +234,7 @@ def _first_miss(tasks: Sequence[Task], work: int, hyperperiod: int) -> Analysis 
     """The first missed deadline in the first RELEASES_MAX steps; None if there is none."""
     horizon = int(RELEASES_MAX / sum(Fraction(1, t.period) for t in tasks))
     thread = _Thread(tasks, None)
-    thread.run_releases(0, _releases(tasks, 0, horizon))
+    thread.run_releases(0, _releases_between(tasks, 0, horizon))
     if thread.miss is None:
         return None
     worst = tuple(thread.latest)
@@ -289,8 +290,8 @@ class ThreadComponent:
 class Timing:
     """The analysis of a system with its declared execution times.
 
-    `missing`: components of the thread without a `wcet`. They count as if they needed no time, so
-    a miss is certain all the same, and nothing else is decided. `elsewhere`: nodes that run in
+    `missing`: components of the thread without a `wcet`. They count as if they needed no time: a
+    miss is certain all the same, but nothing else is decided. `elsewhere`: nodes that run in
     processes of their own. The thread is busy for at most `work` of each `hyperperiod` ns.
     """
 
@@ -332,16 +333,16 @@ def _component_task(c: Component) -> Task:
 def timing_of(
     system: System, watch: Callable[[Component, ScheduledStep], None] | None = None
 ) -> Timing | None:
-    """The analysis of a flat system; None if it declares no time for its thread.
+    """The analysis of a flat system; None if it declares no execution time and no jitter.
 
-    A `jitter` alone is one: a component without `wcet` counts as if it needed no time. A deadline
-    is the next release. `watch`: told the steps as `analyse` does.
+    A component without `wcet` counts as if it needed no time. A deadline is the next release.
+    `watch` is called with each step and its component, as `analyse_thread` calls it.
     """
     mine = [c for c in system.components if c.in_thread]
     if all(c.wcet_ns is None and not c.jitter_ns for c in mine):
         return None
     tasks = [_component_task(c) for c in mine]
-    analysis = analyse(tasks, None if watch is None else lambda s: watch(mine[s.task], s))
+    analysis = analyse_thread(tasks, None if watch is None else lambda s: watch(mine[s.task], s))
     worst: list[WorstResponse | None] = [*analysis.worst] or [None] * len(tasks)
     return Timing(
         system=system.name,
@@ -356,7 +357,7 @@ def timing_of(
 
 
 def schedule_lines(timing: Timing) -> list[str]:
-    """A line for each of the last steps before a miss, the missing step included."""
+    """A line of text for each of the last steps before a miss, and for the step that misses."""
     if timing.miss is None:
         return []
     steps = timing.miss.steps[-TOLD:]

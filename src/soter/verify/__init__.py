@@ -14,8 +14,7 @@ In reading order:
 - `induction/` and `tubes/` prove whole modules: with z3; by tubes that SC's runs do not leave.
 - Equal names: `problem/problem.py` has the `Problem` of every proof, `induction/problem.py` and
   `tubes/problem.py` make kinds of it for their methods. `claims/claims.py` asks all groups of a
-  case; `grid/claims.py` answers for one group. Each `verify.py` turns what
-  its method found into the verdicts on a module.
+  case; `grid/claims.py` answers for one group. Each `verify.py` gives the verdicts of its method.
 - `refute.py` looks for runs of an `attacked_system.py` that leave C; `counterexample.py` keeps and
   replays them. `diagnosis/` tells why a claim is not proved, and which changes help.
 - `period_advice.py` is `soter advise`: it tries other times. `find_sc.py` computes sets for open

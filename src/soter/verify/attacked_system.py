@@ -1,12 +1,12 @@
-"""A system under attack: the same plants and SC, everything else chosen by an adversary.
+"""Makes a system under attack: with the same plants and SC, and an adversary who chooses the rest.
 
 Purpose: `attacked_system` makes the closed system in which `refute.py` looks for runs that leave C,
 the states where `safe` holds. Its AC publishes values drawn from its outputs' sets, so that one
-draw policy makes all choices of the environment and of AC, natively and in the interpreter alike;
+draw policy makes all choices of the environment and of AC, in C and in the interpreter alike.
 `safe` becomes a property of *true* topics, published without measurement errors beside the
 estimates.
-Non-goals: searching (`refute.py`); delays and jitter: virtual time has none, so what only a late
-release brings about is not found here.
+Non-goals: searching (`refute.py`); delays and jitter, as virtual time has none: a run that leaves C
+only by a late release is not found.
 """
 
 from __future__ import annotations
@@ -29,22 +29,22 @@ OWN, DRAWN = "own", "drawn"
 
 
 class NotAttackableError(Exception):
-    """The closed system cannot be run as an attack; the text says why."""
+    """Raised if the closed system cannot be run as an attack; the text says why."""
 
 
 def attacked_system(system: System, module: int, controller: str = DRAWN) -> System:
-    """`system` with one property, "safe on the true state" of this module, for an adversary.
+    """The system in which an adversary attacks the property "safe on the true state" of a module.
 
-    Raises `NotAttackableError` where `safe` reads what no plant drives, or where the AC's outputs
-    have no sets to draw from (`controller` = DRAWN).
+    Raises `NotAttackableError` where `safe` reads a topic that no plant drives, or where the AC's
+    outputs have no sets to draw from (`controller` = DRAWN).
     """
     m = system.modules[module]
-    watched = _with_drawn_inputs(_with_safe_as_property(system, m), m)
-    return _with_drawn_controls(watched, m) if controller == DRAWN else watched
+    watched = _system_with_drawn_inputs(_system_watching_safe(system, m), m)
+    return _system_with_drawn_controls(watched, m) if controller == DRAWN else watched
 
 
 def true_topics_known_ns(system: System) -> int:
-    """From this time on every true topic of an attacked system has been published."""
+    """The time in ns from which on every true topic of an attacked system has been published."""
     return max((c.phase_ns for c in system.components if c.plant is not None), default=0)
 
 
@@ -67,29 +67,29 @@ def may_read_time(system: System, module: int) -> bool:
     return any(isinstance(n, aging) for n in nodes([r for r in roots if r is not None]))
 
 
-def _with_safe_as_property(system: System, module: Module) -> System:
+def _system_watching_safe(system: System, module: Module) -> System:
     """The system with one property: `safe` over twins of its topics without measurement errors."""
     safe, scope = module.symbol.safe, module.scope
     seen = {}
     for symbol in topic_reads(safe):
-        system, seen[symbol] = _with_twin(system, symbol, scope.topics[symbol])
+        system, seen[symbol] = _system_with_twin(system, symbol, scope.topics[symbol])
     at = replace(scope, topics={**scope.topics, **seen})
     watched = Property(0, "always", safe, at, "safe, on the true state", safe.span)
     return derived_systems.with_properties(system, (watched,))
 
 
-def _with_twin(system: System, symbol: typed.TopicSymbol, index: int) -> tuple[System, int]:
-    """The system with a twin topic that shows the true value of topic `index`; its number."""
+def _system_with_twin(system: System, symbol: typed.TopicSymbol, index: int) -> tuple[System, int]:
+    """The system with a twin of topic `index` that shows the true value; the twin's index."""
     for c in system.components:
         if c.plant is None:
             continue
         for topic, value in c.plant.drives:
             if c.scope.topics[topic] == index:
-                return _with_driven_twin(system, c, topic, value)
+                return _system_with_driven_twin(system, c, topic, value)
     raise NotAttackableError(f"no plant drives `{symbol.name}`, which `safe` reads")
 
 
-def _with_driven_twin(
+def _system_with_driven_twin(
     system: System, c: Component, topic: typed.TopicSymbol, value: typed.TypedExpr
 ) -> tuple[System, int]:
     old = system.topics[c.scope.topics[topic]]
@@ -110,7 +110,7 @@ def _with_driven_twin(
     ), twin.index
 
 
-def _with_drawn_inputs(system: System, module: Module) -> System:
+def _system_with_drawn_inputs(system: System, module: Module) -> System:
     """The system whose free inputs take values of their sets, a new one each module period."""
     already = {i.topic for i in system.inputs}
     for t in system.topics:
@@ -123,7 +123,7 @@ def _with_drawn_inputs(system: System, module: Module) -> System:
     return system
 
 
-def _with_drawn_controls(system: System, module: Module) -> System:
+def _system_with_drawn_controls(system: System, module: Module) -> System:
     """The system whose AC publishes, at each step, values drawn from its outputs' sets."""
     ac = system.components[module.ac]
     node = ac.node

@@ -1,7 +1,7 @@
-"""Modules of a program that are verified, their systems, views and problems.
+"""Picks the modules of a program that are verified, with their systems, views and problems.
 
 Purpose: `modules_of` picks the modules, each in a flat system that has it; `chosen_problems` gives
-the problem of each in every view. `module_named` is one of them, by its full name.
+the problem of each in every view. `module_named` gives one of them by its full name.
 Non-goals: the problems themselves (`problem/extract.py`), proofs (`command.py`).
 """
 
@@ -75,7 +75,7 @@ def modules_of(
                 modules.append((flat, m))
         seen |= here
     if module is not None and not modules:
-        raise SoterError((_no_module(module, list(dict.fromkeys(known))),))
+        raise SoterError((_no_module_diagnostic(module, list(dict.fromkeys(known))),))
     return modules
 
 
@@ -93,16 +93,16 @@ def _refuse_deployed_system(checked: CheckResult, system: str | None) -> None:
     symbol = meant[0]
     assert symbol.deploys is not None
     text = f"system `{symbol.name}` has no plants: it deploys `{symbol.deploys.name}`"
-    there = symbol.deploys
-    name = there.name.rpartition(".")[2]
-    how = f"soter verify {shlex.quote(there.span.source.name)} --system {name} --cert DIR"
+    proved = symbol.deploys
+    name = proved.name.rpartition(".")[2]
+    how = f"soter verify {shlex.quote(proved.span.source.name)} --system {name} --cert DIR"
     helps = (f"verify that one: `{how}`", "and build this one with `--cert DIR`")
     raise SoterError((Diagnostic("U008", text, helps=helps),))
 
 
-def _no_module(module: str, known: list[str]) -> Diagnostic:
-    there = ", ".join(f"`{n}`" for n in known) or "none"
-    return Diagnostic("U008", f"there is no module `{module}`", notes=(f"there are: {there}",))
+def _no_module_diagnostic(module: str, known: list[str]) -> Diagnostic:
+    names = ", ".join(f"`{n}`" for n in known) or "none"
+    return Diagnostic("U008", f"there is no module `{module}`", notes=(f"there are: {names}",))
 
 
 def modules_in_every_view(chosen: list[tuple[System, Module]]) -> list[tuple[System, Module]]:

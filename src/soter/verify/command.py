@@ -1,4 +1,4 @@
-"""`soter verify` without a terminal: which modules are proved, in which systems, in which order.
+"""Does what `soter verify` does, without a terminal: proves modules, writes page and certificate.
 
 Purpose: `verify` makes a `VerifyReport` of a checked program, with certificate and page on demand.
 `write_certificate` makes the folder for `soter recheck` (docs/verification.md, section 4): it puts
@@ -29,7 +29,7 @@ from soter.verify.chosen_modules import chosen_problems, modules_of
 from soter.verify.claims.results import UNDECIDED, ModuleResult, VerifyReport
 from soter.verify.deploy.missing_predicates import store_computed_sets
 from soter.verify.diagnosis.tried_remedies import enter_cost, mark_untried, remove_tried_advice
-from soter.verify.grid.case import settled_before, settled_in_words
+from soter.verify.grid.case import notes_on_interruption, verdicts_in_words
 from soter.verify.proof_cache import store_verdicts
 from soter.verify.scope import coverage_of
 from soter.verify.verify_module import module_method
@@ -60,16 +60,16 @@ def verify(
     refute: bool = True,
     explain: bool | None = None,
     report: Path | None = None,
-    given: Mapping[str, object] | None = None,
+    written_params: Mapping[str, object] | None = None,
     search: Search | None = None,
     budget_s: float = 0.0,
 ) -> VerifyReport:
     """Verifies the modules of a checked program; `SoterError` where a problem is not determined.
 
-    `explain`: find out why something is not proved, and try what may help; None: as `refute`.
-    `given`: the parameters as the user wrote them, for the report's command line; `search`: see
-    `verify_by_induction`. `budget_s`: for so many CPU seconds hints are looked for of modules whose
-    states the program does not bound; what is verified then is the program with these hints.
+    `explain`: find out why a claim is not proved, and try changes; None: as `refute`.
+    `written_params`: the parameters as the user wrote them, for the report's command line.
+    `search`: see `verify_by_induction`. `budget_s`: the CPU seconds of a search for hints for
+    modules whose states the program does not bound; then the program with these hints is verified.
     """
     began = time.perf_counter()
     pick: Any = {"module": module, "system": system, "params": params or {}}
@@ -77,14 +77,14 @@ def verify(
     checked, chosen, problems, searches = _problems_with_found_hints(checked, pick, budget_s)
     results = _verify_problems(problems, refute, explain, search, _results_of_proved(searches))
     if budget_s and (refute if explain is None else explain):
-        checked, results, further = _with_other_hints(checked, pick, results, searches, budget_s)
+        checked, results, further = _results_with_hints(checked, pick, results, searches, budget_s)
         searches += further
         chosen, problems = chosen_problems(checked, **pick) if further else (chosen, problems)
     remove_tried_advice(results, searches)
     assert checked.program is not None
     whole = {flat.name: flat for flat, _ in modules_of(checked, **pick)}
     coverage = coverage_of(checked, chosen, problems, params or {})
-    with settled_before(lambda: settled_in_words(*results)):
+    with notes_on_interruption(lambda: verdicts_in_words(*results)):
         for (flat, _), result in zip(chosen, results, strict=True):
             if result.problem.computed:
                 store_computed_sets(result)
@@ -99,7 +99,7 @@ def verify(
         ", ".join(names),
         tuple(results),
         time.perf_counter() - began,
-        _command_line(checked.program.path, module, system, given or {}),
+        _command_line(checked.program.path, module, system, written_params or {}),
         coverage=coverage,
         places={} if read.program is None else {n: m.span for n, m in read.program.modules.items()},
         contents={} if read.loaded is None else read.loaded.contents,
@@ -113,14 +113,14 @@ def verify(
         from soter.verify.proof_report import write_report  # noqa: PLC0415 - only then
 
         write_report(verification, report)
-    verification.page = _page
+    verification.page = _page_of_report
     return verification
 
 
 def _problems_with_found_hints(
     checked: CheckResult, pick: Mapping[str, Any], budget_s: float
 ) -> tuple[CheckResult, list[tuple[System, Module]], list[Problem], tuple[ProofSearch, ...]]:
-    """The program, its modules and problems; with found hints where it bounds no states."""
+    """The program, its modules and problems, and searches for hints where it bounds no states."""
     try:
         return checked, *chosen_problems(checked, **pick), ()
     except SoterError as error:
@@ -132,14 +132,14 @@ def _problems_with_found_hints(
     return checked, *chosen_problems(checked, **pick), searches
 
 
-def _with_other_hints(
+def _results_with_hints(
     checked: CheckResult,
     pick: Mapping[str, Any],
     results: list[ModuleResult],
     searches: Sequence[ProofSearch],
     budget_s: float,
 ) -> tuple[CheckResult, list[ModuleResult], tuple[ProofSearch, ...]]:
-    """The program and the results, with other hints where its own leave modules undecided."""
+    """The program and the results, with new hints for modules that its own leave undecided."""
     asked = {s.module for s in searches}
     others = [r for r in results if r.name not in asked and r.verdict == UNDECIDED]
     if not others:
@@ -157,7 +157,7 @@ def _results_of_proved(searches: Sequence[ProofSearch]) -> dict[str, ModuleResul
 
 
 def _why_not_recheckable(flat: System, result: ModuleResult) -> str:
-    """Why the re-checker cannot check a module of that system; "": it can."""
+    """Why the re-checker cannot check a module of that system; "" if it can."""
     from soter.certificate.extras.trial import why_not_recheckable  # noqa: PLC0415 - an extra
 
     files: dict[str, bytes] = {}
@@ -172,7 +172,7 @@ def _verify_problems(
     search: Search | None,
     known: Mapping[str, ModuleResult],
 ) -> list[ModuleResult]:
-    """Verifies one problem after the other; the C of the next ones is compiled meanwhile, in order.
+    """Verifies one problem after the other, while the C of the next ones is compiled in order.
 
     Nothing in this process forks meanwhile, as refuting runs call no externs. `known`: results of
     modules that a search has proved already, by name.
@@ -214,24 +214,24 @@ def _verify_problems(
 def _note_settled_claims(
     stopped: KeyboardInterrupt, results: Sequence[ModuleResult], open_: Sequence[Problem]
 ) -> None:
-    """Adds the verdicts so far to an interruption's notes; a case under way has added its own."""
+    """Adds the verdicts so far to an interruption's notes; a running case has added its own."""
     later = [f"{p.name}: no claim settled" for p in open_]
     vars(stopped)["__notes__"] = [
-        *settled_in_words(*results),
+        *verdicts_in_words(*results),
         *getattr(stopped, "__notes__", later[:1]),
         *later[1:],
     ]
 
 
 def _may_be_attacked(problem: Problem) -> bool:
-    """Whether a run of the problem's system that leaves C would be a run of the vehicle.
+    """Whether a run of the problem's system that leaves C would also be a run of the vehicle.
 
-    In a view it would not, nor where others move the plant arbitrarily.
+    It would not in a view, nor where others may move the plant by any value.
     """
     return not (problem.view or problem.influences)
 
 
-def _page(report: VerifyReport) -> str:
+def _page_of_report(report: VerifyReport) -> str:
     from soter.verify.proof_report import page_text  # noqa: PLC0415 - only then
 
     return page_text(report)
@@ -257,9 +257,9 @@ def write_certificate(
 ) -> None:
     """Writes the certificate of `results`, each of a module in the system of that name.
 
-    `main_text`: the text of the main file, if it is not as on the disk. An old certificate in the
-    folder is replaced. `SoterError` D008 where something else lies there, D006 where the system
-    refuses.
+    `main_text`: the text of the main file, if it differs from the file. An old certificate in the
+    folder is replaced. `SoterError` D008 where other files lie there, D006 where the operating
+    system refuses.
     """
     files = dict(_program_files(program))
     main = _main_file(program, files)
@@ -294,7 +294,7 @@ def _program_files(program: TypedProgram) -> Iterator[tuple[str, bytes]]:
 
 
 def _main_file(program: TypedProgram, files: dict[str, bytes]) -> str:
-    """The path of the program's main file among `files`, the first."""
+    """The path of the program's main file, which is the first of `files`."""
     name = next(iter(files)).removeprefix("program/")
     assert name.endswith(Path(program.path).name)
     return name
@@ -303,7 +303,7 @@ def _main_file(program: TypedProgram, files: dict[str, bytes]) -> str:
 def _parameter_entries(results: Sequence[ModuleResult]) -> dict[str, object]:
     """The values of the parameters by name, floats as C99 hexadecimal texts.
 
-    Parameters that differ between systems are left out: there each system says its own (`set`).
+    Parameters that differ between systems are left out, as each system sets its own (`set`).
     """
     values: dict[str, Value] = {}
     differ: set[str] = set()

@@ -1,11 +1,11 @@
-"""Counterexamples: written down, read from files, and run again by the reference interpreter.
+"""Writes counterexamples, reads them from files, and replays them in the reference interpreter.
 
 Purpose: a `Counterexample` is a trace of choices (docs/json.md): every value that the environment
 or the adversary was free to choose, by stream. A refutation counts only if the interpreter, given
 these choices and nothing else, leaves C, or comes back to a state it was in without ever having
 satisfied `safer`. A choice outside its declared set, or a missing one, is no run of the system.
-`save_runs` writes `.soter/<program>-<module>.counterexample.json` for every refutation of a report;
-`replay_file` goes from such a file back to the verification system and the interpreter.
+`save_counterexamples` writes `.soter/<program>-<module>.counterexample.json` for each refutation of
+a report; `replay_file` runs such a file again.
 Non-goals: finding such runs (`refute.py`); choices of order (`explore/`): all runs here are
 in deployed order.
 """
@@ -24,7 +24,7 @@ from soter.language.evaluate.arithmetic import StepFault
 from soter.language.front_end import check_file, system_to_prove
 from soter.language.load.named_files import ReadError, parse_json, read_json_text
 from soter.language.model.values import to_json
-from soter.report.atomic_write import own_place
+from soter.report.atomic_write import own_path
 from soter.semantics.configuration import SC, DecisionVerdict
 from soter.semantics.externs import UnboundExternError
 from soter.semantics.interpreter import Interpreter
@@ -38,7 +38,7 @@ from soter.verify.attacked_system import (
     true_topics_known_ns,
 )
 from soter.verify.problem.extract import extract
-from soter.version import other_format
+from soter.version import why_format_is_unreadable
 
 if TYPE_CHECKING:
     from soter.language.model.system import System
@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 
 SCHEMA = 1
 LEAVES, CYCLE = "leaves_safe", "never_safer"
-"""What a counterexample shows: the true state leaves C; or the DM never gives control back."""
+"""The kinds of violations: the true state leaves C; or the DM never gives control back."""
 STEPS_KEPT = 50
 
 
@@ -63,7 +63,7 @@ class Counterexample:
 
     module: str
     shows: str
-    """What it shows: LEAVES or CYCLE."""
+    """The kind of the violation: LEAVES or CYCLE."""
     controller: str
     """DRAWN: the AC's outputs are choices, too; OWN: the program's AC ran."""
     seed: int
@@ -74,7 +74,7 @@ class Counterexample:
     """For CYCLE the length of one turn."""
     choices: Choices
     steps: tuple[dict[str, Any], ...] = ()
-    """The last instants: time_s, modes, topics, what was chosen, true states; for people."""
+    """The last instants for people: time_s, modes, topics, choices and true states."""
     facts: dict[str, Any] = field(default_factory=dict)
     """The program that it belongs to: program, sha256, system, params."""
 
@@ -122,10 +122,7 @@ def _choice_lines(choices: Choices) -> list[str]:
 
 @dataclass(frozen=True)
 class Replay:
-    """The steps that the interpreter saw of `system`, the attacked one.
-
-    `time_ns`: the instant outside C, or the end of the turn.
-    """
+    """A replayed run of the attacked system `system`, up to the violation at `time_ns`."""
 
     time_ns: int
     steps: tuple[dict[str, Any], ...]
@@ -133,9 +130,9 @@ class Replay:
 
 
 def replay_choices(c: Counterexample, system: System) -> Replay | None:
-    """Runs a counterexample in the interpreter; None where the run does not show what it claims.
+    """Runs a counterexample in the interpreter; None where the run does not show the violation.
 
-    `system`: the verification system of the module, not yet attacked.
+    `system`: the verification system of the module, before it is attacked.
     """
     index = next((m.index for m in system.modules if m.name == c.module), None)
     if index is None:
@@ -153,7 +150,7 @@ def replay_choices(c: Counterexample, system: System) -> Replay | None:
 
 
 def run_that_leaves(variant: System, draws: Draws, until_ns: int) -> Replay | None:
-    """The run up to the first instant at which `safe` is false on the true state, or None.
+    """The run until `safe` is first false on the true state; None if that is not by `until_ns`.
 
     A `safe` that faults is not false: such an instant does not count.
     """
@@ -169,10 +166,10 @@ def run_that_leaves(variant: System, draws: Draws, until_ns: int) -> Replay | No
 def run_that_repeats(
     variant: System, module: int, draws: Draws, until_ns: int, cycle_ns: int
 ) -> Replay | None:
-    """The run if at `until_ns` it is where it was `cycle_ns` before, with SC in control all along.
+    """The run if its state at `until_ns` is that of `cycle_ns` before, and SC had control, or None.
 
-    As choices are constant it then goes on like this for ever: no DM step of the turn saw `safer`
-    on a fresh reading. None for any other run.
+    As choices are constant the run then repeats this turn for ever, and in the turn no DM step
+    found `safer` on a fresh reading.
     """
     if cycle_ns % variant.hyperperiod_ns or may_read_time(variant, module):
         return None
@@ -205,7 +202,7 @@ class _AttackedRun:
         self.interpreter = Interpreter(variant, draws=self._drawn)
         self.c: Configuration = self.interpreter.initial()
         self.returned = False
-        """Whether since then a DM step said AC, could have said it, or had a stale read."""
+        """Whether a DM step of this turn said AC, could have said it, or had a stale read."""
         self._last: deque[_Instant] = deque(maxlen=STEPS_KEPT)
 
     @property
@@ -222,7 +219,7 @@ class _AttackedRun:
         return self.c
 
     def _choices_so_far(self) -> dict[str, Value]:
-        """The value drawn last of each stream, which acts on the plants from here on."""
+        """The last value of each stream of choices, which acts on the plants from here on."""
         return {stream: noted[-1][1] for stream, noted in self._drawn.choices.items()}
 
     def is_unsafe(self) -> bool:
@@ -234,7 +231,7 @@ class _AttackedRun:
             return False
 
     def repeating_state(self, module: int) -> object:
-        """The parts of the state on which the future depends, but for the time itself."""
+        """The parts of the state on which the future depends, without the time itself."""
         c = self.c
         ages = tuple(c.ct - c.stamps[t] for t in self.system.modules[module].inputs)
         return (
@@ -279,12 +276,12 @@ class _Events:
     def __init__(self) -> None:
         self.verdicts: list[DecisionVerdict] = []
 
-    def note(self, event: object, _ct: int) -> None:
+    def note_event(self, event: object, _ct: int) -> None:
         if isinstance(event, DecisionVerdict):
             self.verdicts.append(event)
 
     def note_properties(self, _violated: object, _ct: int) -> None:
-        """Ignores violations: `is_unsafe` judges `safe`, since a fault is none here."""
+        """Ignores violations: `is_unsafe` judges `safe`, as a fault is no violation here."""
 
 
 def write_counterexample(c: Counterexample, path: Path) -> Path:
@@ -297,12 +294,12 @@ def write_counterexample(c: Counterexample, path: Path) -> Path:
     }
     path.parent.mkdir(parents=True, exist_ok=True)
     text = json.dumps(document, indent=1, allow_nan=False) + "\n"
-    own_place(path.parent, path.name).write_text(text, encoding="utf-8")
+    own_path(path.parent, path.name).write_text(text, encoding="utf-8")
     return path
 
 
 TIME_MAX = 10**15
-"""In ns, some eleven days: a counterexample that takes longer is damaged."""
+"""The longest counterexample in ns, some eleven days; a longer one is damaged."""
 
 
 def read_counterexample(path: Path) -> Counterexample:
@@ -310,10 +307,10 @@ def read_counterexample(path: Path) -> Counterexample:
     document = parse_json(read_json_text(path))
     if not isinstance(document, dict) or document.get("kind") != "counterexample":
         raise ValueError(f"`{path}` is no counterexample")
-    if other := other_format(document.get("schema"), SCHEMA):
+    if other := why_format_is_unreadable(document.get("schema"), SCHEMA):
         raise ValueError(f"`{path}`: {other}: `soter verify` writes it anew")
-    own = {"schema", "kind", "module", "shows", "controller", "seed", "time_ns", "cycle_ns"}
-    facts = {k: v for k, v in document.items() if k not in own | {"choices", "steps"}}
+    known = {"schema", "kind", "module", "shows", "controller", "seed", "time_ns", "cycle_ns"}
+    facts = {k: v for k, v in document.items() if k not in known | {"choices", "steps"}}
     try:
         _checked_type(facts.get("params", {}), dict)
         cycle = document["cycle_ns"]
@@ -371,10 +368,10 @@ FOLDER = Path(".soter")
 
 
 class AnotherVersionError(ValueError):
-    """A counterexample belongs to another version of the program's text."""
+    """Raised if a counterexample belongs to another version of the program's text."""
 
 
-def save_runs(report: VerifyReport, folder: Path = FOLDER) -> None:
+def save_counterexamples(report: VerifyReport, folder: Path = FOLDER) -> None:
     """Writes every counterexample and notes its file in the finding; `SoterError` D006."""
     for module in report.modules:
         for name, finding in module.findings.items():
@@ -390,7 +387,7 @@ def save_runs(report: VerifyReport, folder: Path = FOLDER) -> None:
 
 
 def _system_of(path: Path) -> object:
-    """The system whose run a file keeps; None where there is none that can be read."""
+    """The name of the system whose run a file keeps; None if no such file can be read."""
     try:
         return read_counterexample(path).facts.get("system")
     except (ReadError, ValueError):
@@ -417,16 +414,16 @@ def _write_or_refuse(run: Counterexample, path: Path) -> None:
 
 
 def replay_file(path: Path) -> Replay | None:
-    """Runs the counterexample of a file in the interpreter; None: it does not show its claim.
+    """Runs the counterexample of a file in the interpreter; None if it does not show a violation.
 
-    `ValueError` where the file is none, `AnotherVersionError` where it belongs to another text of
-    the program, `SoterError` where the program cannot be read or has no such module any more.
+    `ValueError` where the file is no counterexample, `AnotherVersionError` where it belongs to
+    another text of the program, `SoterError` where the program cannot be read.
     """
     run = read_counterexample(path)
     facts = run.facts
     named = _program_path(path, str(facts.get("program", "")))
     checked = check_file(named)
-    if not checked.begins:
+    if not checked.begins_as_program:
         raise AnotherVersionError(f"`{path}` belongs to another version of `{named}`")
     if not checked.ok or checked.program is None:
         raise SoterError(checked.diagnostics.items)
@@ -443,7 +440,7 @@ def replay_file(path: Path) -> Replay | None:
 
 
 def _program_path(path: Path, named: str) -> str:
-    """The path of a counterexample's program: as it was named, or beside the file's folder."""
+    """The path of a counterexample's program: as the file names it, or near the file."""
     if not Path(named).is_file():
         for folder in (path.resolve().parent.parent, path.resolve().parent):
             if (folder / named).is_file():

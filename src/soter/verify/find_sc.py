@@ -1,15 +1,16 @@
-"""`soter verify --synthesize`: finds the safe controllers that a program leaves open.
+"""Finds the safe controllers that a program leaves open (`soter verify --synthesize`).
 
-Purpose: `synthesize` computes with the grid engine what `synthesized_sc.py` needs to choose a law
-for each such module, and writes the program with the controllers found. `core_synthesis` computes,
-for one group, K with a table of commands on estimates.
-Non-goals: proofs. What is written is an ordinary program; `soter verify` judges it.
+Purpose: `synthesize` computes with the grid engine the sets from which `synthesized_sc.py` chooses
+a law for each such module, and writes the program with the found controllers. `core_synthesis`
+computes, for one group, K with a table of commands on estimates.
+Non-goals: proofs. The written program is an ordinary one; `soter verify` judges it.
 
 K, the core, is computed with each command held for `hold` periods of SC: in one period of a fast SC
 a state moves less than a cell, and then rounding to whole cells leaves nothing of K.
 
 A table has one entry per cell of the estimate: [low, high) along each axis, the last cell closed.
-True cell c and estimate cell e are *compatible* when x in c, x + error in e for some error of E.
+A true cell c and a cell e of estimates are *compatible* if, for some error of E and some state x in
+c, the estimate x + error lies in e.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from soter.verify.grid.grid_problem import grid_inputs_of
 from soter.verify.grid.group_model import UnboundedError
 from soter.verify.grid.sets import GridGroup
 from soter.verify.problem.extract import extract
-from soter.verify.synthesized_sc import STRIDE, CellCommands, command_combinations, law_table
+from soter.verify.synthesized_sc import STRIDE, CellCommands, block_law, command_combinations
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -57,9 +58,9 @@ ALL = np.uint64(2**64 - 1)
 
 @dataclass(frozen=True)
 class CommandTable:
-    """A synthesised SC: `cells` is K; `choice` the row of `commands` per estimate cell, 255: none.
+    """A synthesised SC: `cells` is K, `choice` the row of `commands` per estimate cell (255: none).
 
-    From every state of K the command for any of its estimates, held for one period, keeps C and
+    From every state of K the command for each of its estimates, held for one period, keeps C and
     leads back into K.
     """
 
@@ -70,8 +71,8 @@ class CommandTable:
     """For each true cell of K, bit k is set if command k, held for a period, leads back into K."""
 
 
-def _and_along_axis(masks: Masks, first: Any, last: Any, axis: int) -> Masks:  # noqa: ANN401 - int arrays
-    """The bitwise AND of the masks first[i]..last[i] along an axis (within the grid)."""
+def _masks_and_along_axis(masks: Masks, first: Any, last: Any, axis: int) -> Masks:  # noqa: ANN401 - int arrays
+    """For each index i along an axis the bitwise AND of the masks first[i]..last[i] in the grid."""
     n = masks.shape[axis]
     low, high = np.clip(first, 0, n - 1), np.clip(last, 0, n - 1)
     conjunction: Masks = np.take(masks, low, axis=axis)
@@ -81,7 +82,7 @@ def _and_along_axis(masks: Masks, first: Any, last: Any, axis: int) -> Masks:  #
 
 
 class _Synthesis:
-    """One run of the fixpoint over commands."""
+    """One computation of K and its table: a fixpoint over the commands of cells."""
 
     def __init__(
         self,
@@ -112,10 +113,10 @@ class _Synthesis:
         return group.cells_of(self.memory["kept"])
 
     def masks_by_estimate(self, kept: Bools) -> Masks:
-        """Masks, by estimate cell, of the commands that serve all compatible cells of K; ALL: none.
+        """The masks, by estimate cell, of the commands that serve all compatible cells of K.
 
-        Where an axis has no error, an estimate on the lower face of its cell also is of the cell
-        below, unless its own cell is in K: then it is that cell's as well.
+        A cell that is compatible with none has ALL. Where an axis has no error, an estimate on the
+        lower face of its cell also belongs to the cell below, but only if its own is not in K.
         """
         masks = np.where(kept, self.fine, ALL)
         touched = self.group.overlapped_cells(self.errors)
@@ -124,7 +125,7 @@ class _Synthesis:
         for axis in sorted(range(len(exact)), key=lambda axis: not exact[axis]):
             first, last = touched[axis]
             if not exact[axis]:
-                masks = _and_along_axis(masks, first, last, axis)
+                masks = _masks_and_along_axis(masks, first, last, axis)
                 continue
             below = np.full_like(masks, ALL)
             into: list[slice] = [slice(None)] * masks.ndim
@@ -135,9 +136,9 @@ class _Synthesis:
         return masks
 
     def cells_in_conflict(self, kept: Bools, masks: Masks) -> Bools:
-        """The cells to give up: an estimate of theirs has no command that serves all.
+        """The cells to give up, where no command serves all compatible cells of an estimate.
 
-        Of the commands, the one that serves most of the compatible cells is kept.
+        The command that serves most of these cells is kept, and the cells it does not serve go.
         """
         wanted, lost = np.argwhere(masks == 0), np.zeros_like(kept)
         reach = self.group.overlapped_cells(self.errors)
@@ -169,21 +170,21 @@ class _Synthesis:
             share_done(0.0, "synthesis")
 
     def command_by_cell(self, kept: Bools, masks: Masks) -> Bytes:
-        """For each cell one of the commands that serve; 255 where no state of K can be.
+        """For each cell of estimates a command that serves; 255 where no state of K can be.
 
-        It is the one whose image of the cell has the least `prefer` at its middle, or the first.
+        It is the one whose image of the cell has the least `prefer` in its middle, or the first.
         """
         count = len(self.commands)
         serves = (masks[..., None] >> np.arange(count, dtype=np.uint64)) & np.uint64(1) != 0
         choice = np.argmax(serves, axis=-1).astype(np.uint8)
         if self.prefer is not None:
-            own = serves & kept[..., None]
-            image = np.where(own[..., None, None], self.image, 0)
+            serving = serves & kept[..., None]
+            image = np.where(serving[..., None, None], self.image, 0)
             middle = tuple(
                 (image[..., a, 0].astype(np.int32) + image[..., a, 1]) // 2
                 for a in range(len(self.group.axes))
             )
-            cost = np.where(own, self.prefer[middle], np.inf)
+            cost = np.where(serving, self.prefer[middle], np.inf)
             choice = np.where(kept, np.argmin(cost, axis=-1), choice).astype(np.uint8)
         return np.asarray(np.where(masks == ALL, 255, choice), dtype=np.uint8)
 
@@ -196,12 +197,12 @@ def core_synthesis(
     errors: Mapping[int, float] | None = None,
     prefer: Floats | None = None,
 ) -> CommandTable:
-    """K and a table of commands, each held for one period (N = 1).
+    """The core K and a table of commands, each held for one period (N = 1).
 
     `allowed`: a set of the grid's shape; `commands`: up to 64 rows with a value of every control;
-    `errors`: state -> largest error of the estimate; `prefer`: a cost per cell, in the grid's
-    shape, the less the better (distance to a goal, say). A flow must be read without delay and
-    jitter: widen `errors` by what the state moves meanwhile.
+    `errors`: the largest error of the estimate of each state; `prefer`: a cost of each cell, in the
+    grid's shape, such as a distance to a goal. A flow must be read without delay and jitter: widen
+    `errors` by how far the state moves meanwhile.
     """
     rows = np.ascontiguousarray(commands, dtype=np.float64)
     assert 1 <= len(rows) <= 64
@@ -212,12 +213,11 @@ def core_synthesis(
 
 
 HOLDS = (1, 2, 5, 10, 20, 50)
-"""For how many periods of SC a command is held while K is computed; 1 for maps."""
+"""The numbers of SC's periods for which a command is held while K is computed; 1 for maps."""
 COMMANDS_MAX = 64
-"""The most commands that the engine takes, all combinations counted."""
-
+"""The largest number of combinations of commands that the engine takes."""
 BEGINNING = 1 << 20
-"""How many characters of a file are read to see whether soter wrote it."""
+"""The number of characters of a file that are read to see whether soter wrote it."""
 
 
 def synthesize(
@@ -263,7 +263,7 @@ def synthesize(
 
 
 def _is_written_by_soter(output: Path) -> bool:
-    """Whether soter wrote a file: its beginning says so."""
+    """Whether the beginning of a file says that soter wrote it."""
     try:
         with open_finite_file(output, pipes=False) as stream:
             return synthesized_sc.HEADER.encode() in stream.read(BEGINNING)
@@ -289,7 +289,7 @@ UNSUPPORTED = ("write a controller of your own: `sc NAME;`",)
 
 
 def find_law(problem: Problem, stride: int = STRIDE) -> LawTable:
-    """A law for the only group of a problem; `SoterError` U009 where none was found."""
+    """The law for the only group of a problem; `SoterError` U009 where none was found."""
     if len(problem.groups) != 1:
         raise _no_controller_error(problem.module, "it has several groups", UNSUPPORTED)
     if problem.parameters or any(e.high > e.low for e in problem.errors):
@@ -310,7 +310,7 @@ def find_law(problem: Problem, stride: int = STRIDE) -> LawTable:
             problem.module, "from no cell do the given commands keep the constraint"
         )
     steps = _MovedPoints(problem, library, hold)
-    return law_table(choices, [float(e[0]) for e in edges], widths, steps.points_after, stride)
+    return block_law(choices, [float(e[0]) for e in edges], widths, steps.points_after, stride)
 
 
 def _no_controller_error(module: Module, why: str, helps: tuple[str, ...] = MORE) -> SoterError:
@@ -321,7 +321,7 @@ def _no_controller_error(module: Module, why: str, helps: tuple[str, ...] = MORE
 
 
 def _commands_with_best_hold(problem: Problem, library: ReachLibrary) -> tuple[CellCommands, int]:
-    """The engine's answers for that hold (in periods of SC) with the largest K, and the hold."""
+    """The commands of cells for the hold with the largest K, and that hold in periods of SC."""
     best: tuple[CellCommands, int] | None = None
     for hold in HOLDS if problem.kind == "flow" else HOLDS[:1]:
         try:
@@ -349,7 +349,7 @@ def _commands_for_hold(problem: Problem, library: ReachLibrary, hold: int) -> Ce
 def _core_and_commands(
     group: GridGroup, allowed: Bools, commands: Sequence[tuple[float, ...]]
 ) -> tuple[Bools, Bools]:
-    """K, and (m, *cells): whether command m leads back into it from a cell."""
+    """The core K, and truths (m, *cells): whether command m leads back into K from a cell."""
     table = core_synthesis(group, allowed, commands)
     bits = np.arange(len(commands), dtype=np.uint64).reshape(-1, *[1] * allowed.ndim)
     return table.cells, (table.admits >> bits) & np.uint64(1) != 0
@@ -358,10 +358,7 @@ def _core_and_commands(
 def _grid_with_held_commands(
     problem: Problem, library: ReachLibrary, ranges: Sequence[tuple[float, float]], hold: int
 ) -> GridGroup:
-    """The engine with commands in these ranges, each held for `hold` periods.
-
-    Delay and jitter are left to the proof.
-    """
+    """The engine, without delay or jitter, for commands in these ranges held for `hold` periods."""
     inputs = grid_inputs_of(problem)
     inputs = replace(
         inputs, controls=tuple(ranges), period_ns=hold * inputs.period_ns, delay_ns=0, jitter_ns=0
@@ -371,7 +368,7 @@ def _grid_with_held_commands(
 
 
 class _MovedPoints:
-    """Computes where points move in one hold of a command, all else in the middle of its range."""
+    """Computes where points move in one hold of a command, with all else in mid-range."""
 
     def __init__(self, problem: Problem, library: ReachLibrary, hold: int) -> None:
         self.problem = problem
@@ -401,7 +398,7 @@ class _MovedPoints:
 
     def _middles_of_rates(self, name: str, point: Floats) -> Floats:
         self.box[self.axes] = point[:, np.newaxis]
-        bounds = self.forms.numbers(name, self.box, len(self.problem.states))
+        bounds = self.forms.result_bounds(name, self.box, len(self.problem.states))
         if bounds is None:
             return point if name == "next" else np.zeros_like(point)
         rates: NDArray[np.float64] = bounds.mean(axis=1)[self.axes]

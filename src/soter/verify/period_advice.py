@@ -1,10 +1,10 @@
-"""What other times would cost and allow: sweeps of Delta and m, and how late commands may act.
+"""Tries other times of a module for `soter advise`: other periods, and later commands.
 
-Purpose: for `soter advise`. `sweep_periods` derives the problem again for multiples of the declared
-Delta, the period of the DM (H* follows; SC's period stays, unless it equals Delta), and computes
-the sets: which share of the states is left to AC, whether P1c and P2b hold, and the largest Delta
-for which everything is proved. `largest_delay` verifies the module anew with longer and longer
-values of `acts within`: it finds the largest that was proved, the smallest that was not, and why.
+Purpose: `sweep_periods` derives the problem again for multiples of the declared Delta, the period
+of the DM (H* follows; SC's period stays, unless it equals Delta). It computes the sets: the share
+of the states that is left to AC, whether P1c and P2b hold, and the largest Delta for which
+everything is proved. `largest_delay` verifies the module again with longer and longer values of
+`acts within`. It finds the largest proved one, the smallest one that failed, and why that failed.
 Non-goals: changing a program; certificates; a bound that nobody verified. Verdicts of the sweep are
 those of `verify_module.py` without finer grids.
 
@@ -30,7 +30,7 @@ from soter.report.proof_page import AdvicePage, Line
 from soter.verify.claims import claims, start
 from soter.verify.claims.claims import compute_levels, find_way_back, make_tables
 from soter.verify.claims.results import PROVED
-from soter.verify.diagnosis.variations import problem_with, with_other_periods
+from soter.verify.diagnosis.variations import problem_of_changed_module, problem_with_periods
 from soter.verify.enclose.compiled_enclosures import library_of
 from soter.verify.grid.group_model import UnboundedError
 from soter.verify.grid.set_figures import volume_share
@@ -76,7 +76,7 @@ class AdviceRow:
     starts: bool = False
     written: bool | None = None
     why: str = ""
-    """What is not proved, in words; "": nothing."""
+    """The claim that is not proved, in words; "" if all are proved."""
     covered: bool = True
     """Whether the theorem covers such times; if not, no set was computed."""
 
@@ -86,7 +86,7 @@ class AdviceRow:
         return self.horizon_ns >= self.h_star_ns
 
     def verifies(self, levels: int) -> bool:
-        """Whether everything is proved: with the program's predicates, or computed ones."""
+        """Whether everything is proved, with the program's predicates or with computed ones."""
         if not (self.in_time and self.starts):
             return False
         return self.written if self.written is not None else self.returns.get(levels, False)
@@ -97,12 +97,12 @@ OF_TIMES = (
     "H*: at worst, from a state to SC's command that acts on it.",
     "*: the period that the program says.",
 )
-"""What a page says of the columns that are no shares."""
+"""The words of a page about the columns that are no shares."""
 
 
 @dataclass
 class Advice:
-    """The sweep of one module; `best_ns` is the largest Delta tried that verifies."""
+    """The sweep of one module, with a row for each pair of periods that was tried."""
 
     module: str
     delta_ns: int
@@ -111,13 +111,13 @@ class Advice:
 
     @property
     def best_ns(self) -> int | None:
-        """The largest Delta that verifies; None where none of those tried does."""
+        """The largest tried Delta in ns that verifies; None if none does."""
         deltas_ns = [r.delta_ns for r in self.rows if r.verifies(self.levels)]
         return max(deltas_ns, default=None)
 
     @property
     def legend(self) -> str:
-        """Words on what the columns are shares of."""
+        """The words that explain the columns of shares."""
         return (
             "shares of the grid: K, where SC keeps `safe`; S_0, where AC may have control; "
             "S_(m-2), where it gets it back with m levels of hysteresis"
@@ -129,17 +129,17 @@ class Advice:
         best = self.best_ns
         if best is None:
             return (
-                f"no period that was tried ({self.tried}) verifies on the grid as it is declared; "
-                "`soter verify` refines it where that may help"
+                f"no period that was tried ({self.periods_tried}) verifies on the grid as it is "
+                "declared; `soter verify` refines it where that may help"
             )
         more = ", the longest" if best == self.rows[-1].delta_ns else ""
         return (
-            f"of the periods tried ({self.tried}) the largest that verifies on the grid as it is "
-            f"declared is {show_ns(best)}{more}"
+            f"of the periods tried ({self.periods_tried}) the largest that verifies on the grid as "
+            f"it is declared is {show_ns(best)}{more}"
         )
 
     @property
-    def tried(self) -> str:
+    def periods_tried(self) -> str:
         """The periods of the DM that were tried, and how SC's period went with them, in words."""
         deltas = ", ".join(show_ns(d) for d in sorted({r.delta_ns for r in self.rows}))
         kept = sorted({r.sc_ns for r in self.rows if r.sc_ns != r.delta_ns})
@@ -149,7 +149,7 @@ class Advice:
         return f"{deltas}; SC's period {' and '.join(says)}" if says else deltas
 
     def table(self) -> tuple[list[str], list[list[str]]]:
-        """The table for people as (head, rows)."""
+        """The texts of the table for people: (head, rows)."""
         tried = sorted({m for r in self.rows for m in r.levels})
         alone = 2 not in tried  # with two levels AC gets control back where it may have it: S_0
         head = ["period", "SC", "H*", "K", *(["S_0"] if alone else [])]
@@ -172,10 +172,10 @@ class Advice:
         """The data of the page with the figure; `program`: the program's file."""
         tried = sorted({m for r in self.rows for m in r.levels})
         drawn = self._drawn_rows
-        curves = [Line("K", self._points(lambda r: r.core), tuple(r.core > 0 for r in drawn))]
+        curves = [Line("K", self._curve(lambda r: r.core), tuple(r.core > 0 for r in drawn))]
         for m in tried:
             sure = tuple(r.in_time and r.starts and r.returns.get(m, False) for r in drawn)
-            points = self._points(lambda r, m=m: r.levels.get(m, 0.0))  # type: ignore[misc]
+            points = self._curve(lambda r, m=m: r.levels.get(m, 0.0))  # type: ignore[misc]
             curves.append(Line(f"S_{m - 2} (m = {m})", points, sure))
         head, rows = self.table()
         best = self.best_ns
@@ -190,17 +190,17 @@ class Advice:
             program=program,
         )
 
-    def _points(self, share_of: Callable[[AdviceRow], float]) -> tuple[tuple[float, float], ...]:
+    def _curve(self, share_of: Callable[[AdviceRow], float]) -> tuple[tuple[float, float], ...]:
         return tuple((r.delta_ns / 1e6, share_of(r)) for r in self._drawn_rows)
 
     @property
     def _drawn_rows(self) -> list[AdviceRow]:
-        """One row for each Delta of which sets were computed: the one with the longest SC."""
+        """For each Delta of which sets were computed the row with the longest period of SC."""
         return list({r.delta_ns: r for r in self.rows if r.covered}.values())
 
     @property
     def _notes_on_undrawn(self) -> tuple[str, ...]:
-        """Notes on what only the table shows, not the figure."""
+        """Notes on the rows that only the table shows, and not the figure."""
         if sum(r.covered for r in self.rows) == len(self._drawn_rows):
             return ()
         return ("Drawn where SC's period is changed with \u0394; the table has both.",)
@@ -222,7 +222,7 @@ def sweep_periods(
     for i, (delta, sc) in enumerate(periods):
         phase(f"{problem.name}: a period of {show_ns(delta)}")
         share_done(i / len(periods))
-        changed = with_other_periods(problem, delta, sc)
+        changed = problem_with_periods(problem, delta, sc)
         times = changed.times
         row = AdviceRow(delta, times.delta_sc, times.h_star, times.horizon_ns)
         row.why = _why_times_uncovered(changed)
@@ -253,9 +253,10 @@ def sweep_all(
 
 
 def _periods_to_try(problem: Problem, factors: Sequence[float]) -> list[tuple[int, int]]:
-    """Pairs (Delta, SC's period): multiples of the declared Delta; SC's period follows or stays.
+    """The pairs (Delta, SC's period) to try, in ns, for multiples of the declared Delta.
 
-    Where SC's period stays they are multiples of it (for a map: of the map's own).
+    SC's period follows Delta or stays. If it stays, each Delta is a multiple of it (for a map: of
+    the map's period).
     """
     times = problem.times
     unit = times.delta_sc if problem.kind == "flow" else problem.plant_period_ns
@@ -269,7 +270,7 @@ def _periods_to_try(problem: Problem, factors: Sequence[float]) -> list[tuple[in
 
 
 def _sc_period_follows(problem: Problem) -> bool:
-    """Whether SC's period goes with Delta: a flow's where both are one, and SC reads no `dt`."""
+    """Whether SC's period follows Delta: for a flow with equal periods whose SC reads no `dt`."""
     times = problem.times
     if problem.kind != "flow" or times.delta_sc != times.delta_dm:
         return False
@@ -278,9 +279,9 @@ def _sc_period_follows(problem: Problem) -> bool:
 
 
 def _why_times_uncovered(problem: Problem) -> str:
-    """Why the theorem does not cover the times of a changed problem; "": it does.
+    """Why the theorem does not cover the times of a changed problem; "" if it does.
 
-    These are the conditions of `check_times` that the periods of the DM and SC enter.
+    These are the conditions of `check_times` on the periods of the DM and of SC.
     """
     schedule, jitter = problem.times.schedule, problem.times.jitter_sc
     dm, sc = schedule.dm, schedule.sc
@@ -326,7 +327,7 @@ def _fill_row(row: AdviceRow, problem: Problem, opened: list[Case], wanted: list
         row.why = broken.text
         return
     for case in row_cases:
-        claims.compute_free_phase(case)
+        claims.compute_free_states(case)
         start.check_start(case)
     row.starts = not any(c.failures_of("start") for c in row_cases)
     if not problem.computed:
@@ -359,13 +360,13 @@ def _own_predicates_verify(case: Case) -> bool:
 
 
 def _levels_in_table(part: GroupSets, which: int) -> Bools:
-    """S_0 or S_(m-2) as the DM would hold it for all cases; grids always have a table."""
+    """The set S_0 (`which` 0) or S_(m-2) (1) that the DM would have for all cases."""
     assert part.deployed is not None
     return part.deployed[which]
 
 
 def _is_return_shown(case: Case) -> bool:
-    """Whether P2b is shown, or not asked (`recover never`)."""
+    """Whether P2b is shown, or not required (`recover never`)."""
     if case.problem.stays:
         return True
     find_way_back(case)
@@ -373,14 +374,14 @@ def _is_return_shown(case: Case) -> bool:
 
 
 def _least_share(done: list[Case], cells: Callable[[GroupSets], Bools]) -> float:
-    def of(part: GroupSets, engine: GridGroup) -> float:
+    def share_of_group(part: GroupSets, engine: GridGroup) -> float:
         return volume_share(np.asarray(cells(part), dtype=np.bool_), engine.edges)
 
-    return min((1.0, *(prod(of(g.found, g.engine) for g in c.proofs) for c in done)))
+    return min((1.0, *(prod(share_of_group(g.found, g.engine) for g in c.proofs) for c in done)))
 
 
 CLOSE = 0.1
-"""The search ends where the least value that failed is within this share of the largest proved."""
+"""The search ends if the least value that failed is within this share of the largest proved."""
 TRIES_MAX = 14
 """The most verifications of a module."""
 FIRST = 0.1
@@ -389,23 +390,23 @@ FIRST = 0.1
 
 @dataclass
 class DelayAdvice:
-    """Values of `acts within` in ns: `declared`, and each that was tried, with what failed."""
+    """The declared value of `acts within`, and each value that was tried with what failed."""
 
     module: str
     declared_ns: int
     least_ns: int = 0
-    """The declared least time, which is not changed."""
+    """The declared least time until a command acts, which is not changed."""
     why_not: dict[int, str] = field(default_factory=dict)
-    """For each value in ns, in the order of trials, what was not proved; "": all was proved."""
+    """For each value in ns, in the order of trials, why it is not proved; "" if it is proved."""
 
     @property
     def largest_ns(self) -> int | None:
-        """The largest delay with which all claims are proved; None: not even the declared one."""
+        """The largest delay in ns with which all claims are proved; None if there is none."""
         return max((ns for ns, why in self.why_not.items() if not why), default=None)
 
     @property
     def refused_ns(self) -> int | None:
-        """The least delay above that with which some claim is not proved; None: none was tried."""
+        """The least delay in ns above the largest proved one that failed; None if none failed."""
         least = self.largest_ns if self.largest_ns is not None else -1
         return min((ns for ns, why in self.why_not.items() if why and ns > least), default=None)
 
@@ -455,7 +456,7 @@ def largest_delay(flat: System, module: Module) -> DelayAdvice:
 
 
 def _next_delay(proved: int, failed: int | None, advice: DelayAdvice, period_ns: int) -> int | None:
-    """The delay to try next: the declared one, then twice as much more, then halves between."""
+    """The next delay to try, in ns: the declared one, longer ones, a middle; None at the end."""
     if not advice.why_not:
         return advice.declared_ns
     if failed is None:
@@ -472,12 +473,12 @@ def _rounded_to_two_digits(ns: float) -> int:
 
 
 def _failing_claim_in_words(flat: System, module: Module, acts_ns: int) -> str:
-    """The first claim that is not proved with commands that act so late, in words; "": all are."""
+    """The first claim that is not proved if commands act so late, in words; "" if all are."""
     at = module.symbol.verify.span or module.symbol.span
     verify = replace(module.symbol.verify, acts=typed.Literal(DURATION, at, acts_ns))
     changed = replace(module, symbol=replace(module.symbol, verify=verify))
     try:
-        problem = problem_with(flat, changed)
+        problem = problem_of_changed_module(flat, changed)
         result = module_method(problem).verify(problem, refute=False, explain=False)
     except SoterError as error:
         first = error.diagnostics[0]

@@ -1,8 +1,8 @@
-"""What each module of a program poses to its proof, as a text, and which declarations stand in it.
+"""Writes the problem that each module of a program poses to its proof as a text.
 
-Purpose: `posed_problems` gives a text for each module of each system; where two programs have the
-same one, the proof of the one is a proof of the other, but for its certificate's hash. `soter diff`
-compares them.
+Purpose: `posed_problems` gives a text for each module of each system. Where two programs have the
+same text, a proof for the one also holds for the other (only its certificate has another hash).
+`soter diff` compares them.
 Non-goals: what the text is made of (`problem_key` of `scope.py`), proofs, how long they take.
 """
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PosedProblem:
-    """A text that is equal where the problem is; the full names of declarations that are in it."""
+    """A problem as a text, equal for equal problems, and the full names of declarations in it."""
 
     text: str
     names: frozenset[str]
@@ -38,7 +38,7 @@ class PosedProblem:
 def posed_problems(
     checked: CheckResult, params: Mapping[str, Value]
 ) -> dict[tuple[str, str], PosedProblem]:
-    """The problem of each module, by system and module, as a text.
+    """The problem of each module as a text, by the names of system and module.
 
     A module that is forced, inherits its proof, or poses no problem is left out.
     """
@@ -47,11 +47,11 @@ def posed_problems(
         if name and checked.systems[name].deploys is not None:
             continue
         flat = system_to_prove(checked, name, params, exact=False)
-        posed |= {(flat.name, m): problem for m, problem in posed_in(flat).items()}
+        posed |= {(flat.name, m): problem for m, problem in posed_problems_in(flat).items()}
     return posed
 
 
-def posed_in(flat: System) -> dict[str, PosedProblem]:
+def posed_problems_in(flat: System) -> dict[str, PosedProblem]:
     """The problem of each module of a flat system, as a text; forced modules are left out."""
     posed = {m.name: _posed_problem(flat, m) for m in flat.modules if m.forced is None}
     return {name: problem for name, problem in posed.items() if problem is not None}
@@ -67,33 +67,32 @@ def text_with_names(
 ) -> PosedProblem:
     """The text of any part of a program, and the names of the declarations in it.
 
-    `untrusted`: nodes whose code is left out, as no proof reads it; if there are any, contracts are
-    left out, too, which are judged in runs and tests, and so is how long simulated disturbances are
-    held.
+    `untrusted`: nodes whose code is left out, as no proof reads it. If there are any, contracts,
+    which only runs and tests judge, and the hold times of simulated disturbances are left out, too.
     """
     names: set[str] = set()
 
-    def instead(part: object) -> object:
+    def counted_part(part: object) -> object:
         if isinstance(part, (typed.Symbol, typed.Literal)) and part.name is not None:
             names.add(part.name)
         if isinstance(part, typed.NodeSymbol) and part in untrusted:
-            return part.node_that_does(())
+            return part.node_with_step(())
         if isinstance(part, typed.ModuleSymbol) and untrusted:
             return replace(part, contract=())
         if isinstance(part, typed.DisturbanceSymbol) and untrusted:
             return replace(part, hold=None)
         return part
 
-    return PosedProblem(canonical_text(of, instead), frozenset(names))
+    return PosedProblem(canonical_text(of, counted_part), frozenset(names))
 
 
 def _posed_problem(flat: System, module: Module) -> PosedProblem | None:
     """The problem of a module as a text; None where no problem can be made of it."""
     verify = module.symbol.verify
-    around = flying_key(flat, module) if verify.abstracts or verify.views else ()
+    flying = flying_key(flat, module) if verify.abstracts or verify.views else ()
     try:
         keys = [problem_key(extract(*seen)) for seen in systems_by_view(flat, module)]
     except SoterError:
         return None
     untrusted = frozenset(m.symbol.ac for m in flat.modules)
-    return text_with_names((keys, module.symbol, around), untrusted)
+    return text_with_names((keys, module.symbol, flying), untrusted)

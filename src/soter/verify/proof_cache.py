@@ -1,4 +1,4 @@
-"""Keeps the verdicts of proofs on this machine, so that runs and the editor can show them.
+"""Keeps the verdicts of proofs on this machine for runs and for the editor.
 
 Purpose: `store_verdicts` keeps verdicts in the cache folder; `stored_verdicts` finds them for a
 flat system. The key is everything that a proof depends on: every byte of the program and its data,
@@ -37,8 +37,8 @@ WORST = ("proved", "assumed", "undecided", "refuted")
 def store_verdicts(systems: Sequence[System], of: Sequence[ModuleResult]) -> None:
     """Stores the verdicts of results, each of a module of the flat system at the same place.
 
-    A module that is proved in views has one result for each: the worst counts. That the cache
-    cannot be written is no error.
+    A module that is proved in views has one result for each view, of which the worst counts. A
+    cache that cannot be written is no error.
     """
     together: dict[tuple[str, str], list[ModuleResult]] = {}
     flying: dict[str, System] = {}
@@ -62,13 +62,13 @@ def store_verdicts(systems: Sequence[System], of: Sequence[ModuleResult]) -> Non
             _mark_of_entries(name).parent.mkdir(exist_ok=True, mode=0o700)
             _mark_of_entries(name).touch()
         except (OSError, SoterError):
-            return  # nothing is known later: that is no lie
+            return  # later no verdict is found, which claims nothing
 
 
 def stored_verdicts(system: System) -> dict[str, Proof]:
     """The proofs of modules in exactly this system, by name; unknown modules are left out.
 
-    It is empty where runs of the system go beyond what proofs cover.
+    It is empty if runs of the system may do what no proof covers (faults, other orders, tests).
     """
     if system.faults or system.shuffled or system.test is not None or system.proved is not None:
         return {}
@@ -81,7 +81,7 @@ def stored_verdicts(system: System) -> dict[str, Proof]:
 
 
 def _cached_proof(system: System, module: str) -> Proof | None:
-    """The cached proof of a module; None: there is none, or several that differ."""
+    """The cached proof of a module; None if there is none, or if several differ."""
     name = _entry_name(system, module)
     try:
         if not _mark_of_entries(name).exists():
@@ -104,12 +104,12 @@ def _cached_proof(system: System, module: str) -> Proof | None:
 
 
 def _mark_of_entries(name: str) -> Path:
-    """A file that exists if the cache may have entries of this name; else it is not listed."""
+    """A file that exists if the cache may have entries of this name, so that it is searched."""
     return cache_dir() / "verdicts" / name
 
 
 def _key_parts(system: System, module: str) -> tuple[str, ...]:
-    """The parts of the key: everything that a proof depends on, but for Soter itself."""
+    """The parts of the key: everything that a proof depends on, except Soter itself."""
     values = repr(sorted(system.params.items()))
     return ("proof 1", system.program.sha256, system.name, values, module)
 
@@ -123,7 +123,7 @@ def _content_hash(system: System, module: str) -> str:
 
 
 KEPT_TEXTS = 8
-"""For how many texts of a program verdicts are kept."""
+"""The number of texts of a program for which verdicts are kept."""
 BYTES_MAX = 1024 * 1024
 
 
@@ -170,5 +170,5 @@ def stored_verdicts_of_file(path: Path) -> list[dict[str, Any]]:
 
 
 def _verdicts_file(path: Path) -> Path:
-    """The file of a program; the cache's entries are folders, so clearing it keeps this file."""
+    """The file of a program's verdicts; clearing the cache, which removes folders, keeps it."""
     return cache_dir() / "verdicts" / f"{digest([str(path.resolve())])[:32]}.json"

@@ -1,4 +1,4 @@
-"""The certificate entry of a module proved over sets of states.
+"""Writes the certificate entry of a module that is proved over sets of states.
 
 Purpose: `entry_over_sets` writes times, ranges, cases, claims and computed predicates of a module
 proved over sets of states (docs/verification.md, section 4).
@@ -62,9 +62,9 @@ def _claims_entry(result: ModuleResult) -> dict[str, str]:
 
 
 def figures_entry(problem: Problem) -> dict[str, object]:
-    """The part of a module's entry about figures of its problem: times, ranges, chosen levels.
+    """The part of a module's entry with figures of its problem: times, ranges, chosen levels.
 
-    States that are followed by tubes are on no grid, and have no ranges there.
+    A proof by tubes has no grid, so that its states have no ranges.
     """
     q = problem.quantities
     states = [] if problem.kind == TUBES else inputs_entries("state", q.states, problem.states)
@@ -88,7 +88,7 @@ def figures_entry(problem: Problem) -> dict[str, object]:
 def built_entry(
     problem: Problem, built: Sequence[LevelTable], files: dict[str, bytes]
 ) -> dict[str, object]:
-    """The part of the entry of a proof from which its DM is built; adds the files."""
+    """The part of a proof's entry from which its DM is built; adds the files that it names."""
     names = [s.name for s in problem.quantities.states]
     made = [table.entry(names, f"sets/{k}", files) for k, table in enumerate(built)]
     if problem.kind == TUBES:
@@ -102,7 +102,7 @@ def _table_entries(
     """Entries for the tables of the module's DM: the levels of every group, as in its C."""
     cases = [pairs_of(case) for case in result.cases]
     if not cases or any(len(case) != len(result.problem.groups) for case in cases):
-        return []  # not everything was computed: there is no table, and nothing to be claimed
+        return []  # some set was not computed: there is no table, and no claim
     names = [s.name for s in result.problem.quantities.states]
     numbered_tables = enumerate(tables_of_groups(result.problem, cases))
     return [each.entry(names, f"{stem}_dm{k}", files) for k, each in numbered_tables]
@@ -122,7 +122,7 @@ def _times_entry(problem: Problem) -> dict[str, int]:
     times = problem.times
     remembers = problem.module.shield is not None and problem.kind == "flow"
     return {
-        **({"W_ns": times.acted} if remembers else {}),
+        **({"W_ns": times.replaced_window} if remembers else {}),
         "Delta_ns": times.delta_dm,
         "delta_ns": times.delta_sc,
         "A_ns": times.age_dm,
@@ -151,10 +151,10 @@ def _case_entry(
 ) -> dict[str, object]:
     groups = []
     for k, proof in enumerate(case.proofs):
-        own: dict[str, bytes] = {}
-        group = proof.certificate_entry(problem, f"{stem}_{k}", own)
-        _drop_unclaimed_sets(group, own, claims, computed=problem.computed)
-        files.update(own)
+        group_files: dict[str, bytes] = {}
+        group = proof.certificate_entry(problem, f"{stem}_{k}", group_files)
+        _drop_unclaimed_sets(group, group_files, claims, computed=problem.computed)
+        files.update(group_files)
         groups.append(group)
     return {"parameter": list(case.parameter), "groups": groups}
 

@@ -1,9 +1,9 @@
-"""The results of the prover as the record of a page that can be filed (`report/proof_page.py`).
+"""Makes the record of a page that can be filed (`report/proof_page.py`) from the prover's results.
 
 Purpose: `proof_page` makes the record of results: properties, times, shares, the paper's regions R1
 to R5 of every group, assumptions, the trusted base, hashes. `leaving_figures` draws the run of the
-model that leaves C soonest: the axis by which it leaves over time, and the plane of two axes of its
-group, with C at the cells in which the run starts.
+model that leaves C soonest: over time, along the axis by which it leaves, and in the plane of two
+axes of its group. Both show C at the cells in which the run starts.
 Non-goals: the page's looks (`report/proof_page.py`); finding the run (`diagnosis/model_runs.py`).
 """
 
@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 
 
 ROOM = 0.06
-"""The margin that is drawn beyond the grid, as a share of it: the run ends there."""
+"""The margin beyond the grid that is drawn, as a share of the grid; the run ends there."""
 
 
 def leaving_figures(m: ModuleResult, run: LeavingRun | None) -> Iterator[RegionFigure]:
@@ -79,7 +79,7 @@ def leaving_figures(m: ModuleResult, run: LeavingRun | None) -> Iterator[RegionF
         edges = np.asarray(sets.group.axes[k].edges)
         inside = np.moveaxis(region_of_each_cell(sets), k, 0)
         inside = _slice_through(inside, 1, _start_cells(sets, run, (k,)))
-    edges, inside = _with_margin(edges, inside)
+    edges, inside = _cells_with_margin(edges, inside)
     end = float(run.time_s[-1])
     time = np.array([0.0, end * (1 + ROOM)])
     states = np.clip(run.states[:, axis], edges[0], edges[-1])
@@ -118,7 +118,7 @@ def _slice_through(cells: NDArray[np.uint8], axis: int, at: tuple[int, ...]) -> 
     return cells
 
 
-def _with_margin(edges: Floats, cells: NDArray[np.uint8]) -> tuple[Floats, NDArray[np.uint8]]:
+def _cells_with_margin(edges: Floats, cells: NDArray[np.uint8]) -> tuple[Floats, NDArray[np.uint8]]:
     """Edges and cells with a margin outside the grid, along the first axis."""
     room = ROOM * (edges[-1] - edges[0])
     outside = np.full((1, *cells.shape[1:]), R1, dtype=np.uint8)
@@ -134,8 +134,8 @@ def _figure_of_plane(sets: GroupSets, run: LeavingRun, axis: int) -> RegionFigur
     first, second = sorted((k, other))
     cells = np.moveaxis(region_of_each_cell(sets), (first, second), (0, 1))
     cells = _slice_through(cells, 2, _start_cells(sets, run, (first, second)))
-    x, cells = _with_margin(np.asarray(axes[first].edges), cells)
-    y, turned = _with_margin(np.asarray(axes[second].edges), cells.T)
+    x, cells = _cells_with_margin(np.asarray(axes[first].edges), cells)
+    y, turned = _cells_with_margin(np.asarray(axes[second].edges), cells.T)
     xs = np.clip(run.states[:, axes[first].state], x[0], x[-1])
     ys = np.clip(run.states[:, axes[second].state], y[0], y[-1])
     none = np.zeros(len(xs), dtype=np.bool_)
@@ -254,7 +254,7 @@ def _trusted_base(report: VerifyReport) -> tuple[str, ...]:
 
 
 def _vacuity_clause(report: VerifyReport) -> str:
-    """A clause for the headline on modules whose proofs say little; "": there are none."""
+    """A clause for the headline on modules whose proofs say little; "" if there are none."""
     held = [m for m in report.modules if m.verdict in HOLDING]
     little = [m for m in held if m.vacuity is not None]
     if report.verdict not in ("proved", "assumed") or not little:
@@ -296,19 +296,19 @@ def _module_proof(m: ModuleResult) -> ModuleProof:
 def _headline(m: ModuleResult) -> str:
     lines = "".join(f"; {line}" for line in (m.at_the_start, *m.notes) if line)
     safe = " ".join(m.problem.module.symbol.safe.span.text.split())
-    head = f"{_keeps_in_words(m)} `{safe}`{m.whilst}; {len(m.assumptions)} assumptions, "
+    head = f"{_keeps_in_words(m)} `{safe}`{m.verdict_note}; {len(m.assumptions)} assumptions, "
     cells = f"{m.cells:,} cells, " if m.cells else ""
     return f"{head}{cells}{m.seconds:.1f} s{lines}"
 
 
 def _keeps_in_words(m: ModuleResult) -> str:
-    """Words on whether `safe` is kept, for which P2b and the fail-safe law do not matter."""
+    """The words on whether `safe` is kept, whatever P2b and the fail-safe law are."""
     shown = all(f.holds for n, f in m.findings.items() if n not in ("P2b", "failsafe"))
     return "keeps" if shown else "not shown: that it keeps"
 
 
 def _open_properties(m: ModuleResult) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """For each property that is not shown its lines as in the terminal: where, why, tried, help."""
+    """Each property that is not shown, with its lines as in the terminal: where, why, help, ..."""
     texts_told = [NO_CORE]
     for name in ("P2a", "ttf", "safer", *m.findings):
         f = m.findings[name]
@@ -352,4 +352,4 @@ def _region_figures(m: ModuleResult, case: CaseSets) -> list[RegionFigure]:
     note = ", ".join(f"{n} = {v}" for n, v in zip(names, case.parameter, strict=True))
     if len(m.cases) > 1:
         note += f", the first of {len(m.cases)} values of parameters; the others are not drawn"
-    return [f for proof in case.proofs for f in proof.figures(note)]
+    return [f for proof in case.proofs for f in proof.region_figures(note)]

@@ -1,4 +1,4 @@
-"""Looks for a run that leaves C, the states where `safe` holds: the verdict `refuted`.
+"""Looks for a run that leaves C, the states where `safe` holds, for the verdict `refuted`.
 
 Purpose: `search_leaving_run` makes many short native runs of the closed system under attack
 (`attacked_system.py`), with the environment and the AC at their bounds in seeded patterns
@@ -49,23 +49,23 @@ if TYPE_CHECKING:
 
 
 ROUNDS = ((200, 32), (1000, 64), (200, 256), (4000, 64), (1000, 512))
-"""Rounds as (length of a run in DM periods, seeds for each pattern); the last ones are repeated."""
+"""The rounds, (length of a run in DM periods, seeds a pattern); the last ones are repeated."""
 CYCLE_LENGTHS = (50, 100, 200, 500, 1000, 2000, 4000, 8000, 16000)
 """After these numbers of DM periods it is checked whether a run under SC repeats itself."""
 CYCLE_TURNS = 4
 CYCLE_SEEDS = 32
 CONFIRMATIONS_MAX = 8
-"""How many native finds may fail in the interpreter before the search ends; none should."""
+"""The number of native finds that the interpreter may not confirm before the search ends."""
 
 
 @dataclass(frozen=True)
 class RefutationSearch:
-    """What a search did, and the counterexample that it found, if any."""
+    """The result of a search: the number of runs, and the counterexample that was found, if any."""
 
     found: Counterexample | None
     runs: int
     hindrance: str = ""
-    """Why nothing could be tried, in words; "": it could."""
+    """Why nothing could be tried, in words; "" if something was tried."""
 
 
 def search_leaving_run(system: System, module: str, budget_s: float = 10.0) -> RefutationSearch:
@@ -90,7 +90,7 @@ def _search_by_attacks(
     budget_s: float,
     runs: Callable[[_Attack, _SearchBudget], Iterator[Counterexample]],
 ) -> RefutationSearch:
-    """Runs the attacks in turn until a run is confirmed, none has more, or the budget is spent."""
+    """Runs the attacks in turn until a run is confirmed, none is left, or the time is over."""
     index = next(m.index for m in system.modules if m.name == module)
     attacks, hindrance = _possible_attacks(system, index)
     clock = _SearchBudget(budget_s)
@@ -98,7 +98,10 @@ def _search_by_attacks(
     streams = [runs(a, clock) for a in attacks]
     confirmations = 0
     while (
-        streams and counterexample is None and confirmations < CONFIRMATIONS_MAX and clock.goes_on()
+        streams
+        and counterexample is None
+        and confirmations < CONFIRMATIONS_MAX
+        and clock.has_time()
     ):
         for stream in list(streams):
             candidate = next(stream, None)
@@ -128,7 +131,7 @@ def _possible_attacks(system: System, index: int) -> tuple[list[_Attack], str]:
 
 
 def _confirmed_by_interpreter(candidate: Counterexample, system: System) -> Counterexample | None:
-    """The counterexample with its choices, if the interpreter, given only these, agrees."""
+    """The candidate with its choices, if a replay of these alone confirms it; else None."""
     index = next(m.index for m in system.modules if m.name == candidate.module)
     variant = attacked_system(system, index, candidate.controller)
     recorder = Recorder(AdverseDraws(candidate.seed))
@@ -157,7 +160,7 @@ class _SearchBudget:
         self.runs = 0
         self._began = time.process_time()
 
-    def goes_on(self) -> bool:
+    def has_time(self) -> bool:
         spent = time.process_time() - self._began
         return spent < self.budget_s
 
@@ -180,7 +183,7 @@ class _Attack:
         return self.library.new_state(seed)
 
     def run_until(self, state: Any, until_ns: int) -> Any:  # noqa: ANN401 - a numpy record
-        status, _, _ = self.library.run(state, until_ns)
+        status, _, _ = self.library.run_until(state, until_ns)
         assert status is RunStatus.END, status
         return state.view(self.dtype)[0]
 
@@ -201,11 +204,11 @@ class _Attack:
 _NOTHING = Counterexample(
     module="", shows="", controller="", seed=0, time_ns=0, cycle_ns=None, choices={}
 )
-"""Stands for: nothing found yet, look at the clock."""
+"""A mark in a stream of candidates: nothing was found yet, and the clock should be checked."""
 
 
 def _leaving_runs(attack: _Attack, clock: _SearchBudget) -> Iterator[Counterexample]:
-    """Candidates that leave C: seeds, pattern by pattern, in ever longer runs, without end."""
+    """Candidates that leave C, without end: seeds of each pattern, in longer and longer runs."""
     known_ns = true_topics_known_ns(attack.variant)
     first = 1
     number = 0
@@ -228,7 +231,7 @@ def _leaving_runs(attack: _Attack, clock: _SearchBudget) -> Iterator[Counterexam
 
 
 def _cycling_runs(attack: _Attack, clock: _SearchBudget) -> Iterator[Counterexample]:
-    """Candidates that repeat a state: choices are constant, so the run repeats for ever."""
+    """Candidates that repeat a state; as choices are constant such a run repeats for ever."""
     if may_read_time(attack.variant, attack.index):
         return
     turn_ns = attack.variant.hyperperiod_ns
@@ -255,7 +258,7 @@ def _cycling_runs(attack: _Attack, clock: _SearchBudget) -> Iterator[Counterexam
 
 
 def _repeating_state(attack: _Attack, state: Any, row: Any) -> bytes:  # noqa: ANN401 - numpy
-    """The bytes of topics, locals and plants, and the modes: equal where a run repeats itself."""
+    """The bytes of topics, locals, plants and modes, which are equal where a run repeats itself."""
     first = min(g.offset for g in attack.layout.groups)
     flags = row["components"][["oe", "latched", "had_control"]]
     modes = row["modules"][["mode", "gate_fault", "clean_needed"]]
@@ -275,14 +278,14 @@ def enter_refutations(problem: Problem, result: ModuleResult) -> None:
         search = search_leaving_run(problem.system, problem.module.name)
         if search.found is not None:
             for name in _refuted_properties(findings, search.found):
-                _enter_run(findings, name, search.found, time.perf_counter() - began)
+                _enter_refutation(findings, name, search.found, time.perf_counter() - began)
         else:
             _note_runs(findings, SAFETY, search)
     if findings["P2b"].verdict == UNDECIDED:
         began = time.perf_counter()
         search = search_run_without_return(without_latches(problem.system), problem.module.name)
         if search.found is not None:
-            _enter_run(findings, "P2b", search.found, time.perf_counter() - began)
+            _enter_refutation(findings, "P2b", search.found, time.perf_counter() - began)
         else:
             _note_runs(findings, ("P2b",), search)
 
@@ -302,7 +305,7 @@ def _refuted_properties(findings: dict[str, Finding], run: Counterexample) -> li
     return open_[:1]
 
 
-def _enter_run(
+def _enter_refutation(
     findings: dict[str, Finding], name: str, run: Counterexample, seconds: float
 ) -> None:
     finding = findings[name]
@@ -323,11 +326,11 @@ def _enter_run(
 def _note_runs(
     findings: dict[str, Finding], names: tuple[str, ...], search: RefutationSearch
 ) -> None:
-    """Enters in the findings how many runs were tried in vain."""
+    """Enters in the undecided findings how many runs were tried in vain."""
     note = search.hindrance or f"{search.runs:,} runs under attack found nothing"
     for name in names:
         finding = findings[name]
         if finding.verdict == UNDECIDED:
             finding.counts["runs"] = search.runs
-            if finding.text != NO_CORE:  # that is P2a's to say
+            if finding.text != NO_CORE:  # P2a has the note then
                 finding.tried.append(note)

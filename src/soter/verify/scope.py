@@ -1,10 +1,9 @@
-"""What a verification covers and what it does not: systems, modules, parameters, composition.
+"""Finds what a verification covers and what it does not: systems, modules, composition.
 
-Purpose: `coverage_of` names, for every other system that holds a module, whether it poses the same
-problem or is not covered, and finds who guarantees what a module relies on: a part of some module's
-`safe` that keeps a topic in its declared set (docs/proof-modules.md, Composition).
-`composed_assumptions_of` makes of that, with the verdicts of a report, the rows of a table for the
-terminal and the page.
+Purpose: `coverage_of` says of every module of other systems whether it poses the same problem or is
+not covered. It also finds for each fact on which a module relies who guarantees it, such as a part
+of another module's `safe` that keeps a topic in its set (docs/proof-modules.md, Composition).
+`composed_assumptions_of` makes rows of a table from that and from the verdicts of a report.
 Non-goals: proofs; verdicts (`claims/results.py`).
 """
 
@@ -40,10 +39,10 @@ if TYPE_CHECKING:
 TURNED = {"<": ">", "<=": ">=", ">": "<", ">=": "<="}
 
 
-def topic_contract_of(flat: System, topic: int, leaf: int, low: float, high: float) -> str:
-    """The name of a module whose `safe` keeps a driven leaf within [low, high]; "": none does.
+def module_keeping_leaf(flat: System, topic: int, leaf: int, low: float, high: float) -> str:
+    """The name of a module whose `safe` keeps a driven leaf within [low, high]; "" if none does.
 
-    `safe` has to leave room for the measurement error of what is published.
+    `safe` has to leave room for the measurement error of the published leaf.
     """
     error = sum(
         m.bound for c in flat.components for m in c.measured if (m.topic, m.leaf) == (topic, leaf)
@@ -55,8 +54,8 @@ def topic_contract_of(flat: System, topic: int, leaf: int, low: float, high: flo
     return ""
 
 
-def publisher_of(flat: System, plant: Component) -> str:
-    """The name of the module whose proof is about a flying plant; "": none, or it is forced.
+def module_proving_plant(flat: System, plant: Component) -> str:
+    """The name of the module whose proof is about a flying plant; "" if none is.
 
     Where that proof holds the plant publishes within its sets, as that is part of C.
     """
@@ -65,16 +64,16 @@ def publisher_of(flat: System, plant: Component) -> str:
         if module.forced is not None or verify.induction is not None or verify.abstracts:
             continue
         try:
-            there = verification_system_of(flat, module)
+            in_proof = verification_system_of(flat, module)
         except SoterError:
             continue
-        if any(c.name == plant.name for c in there.plants):
+        if any(c.name == plant.name for c in in_proof.plants):
             return module.name
     return ""
 
 
 def _kept_range(module: Module, topic: int, leaf: int) -> tuple[float, float]:
-    """The range in which the single conditions of `safe` keep a leaf."""
+    """The range (low, high) in which the single conditions of `safe` keep a leaf."""
     symbol = module.whole or module.symbol
     low, high = -math.inf, math.inf
     calculator = Calculator(Diagnostics(), module.scope.params)
@@ -119,7 +118,7 @@ Chosen = list[tuple["System", "Module"]]
 def coverage_of(
     checked: CheckResult, chosen: Chosen, problems: list[Problem], params: Mapping[str, Value]
 ) -> VerificationScope:
-    """The scope of a verification: the modules that it covers beside the chosen ones, or not."""
+    """The scope of a verification: further modules that it covers, and what it does not cover."""
     covered, uncovered = [], []
     taken = {(flat.name, m.name) for flat, m in chosen}
     for name in checked.systems or [""]:
@@ -132,7 +131,7 @@ def coverage_of(
                 says = "`soter build --cert` says what it inherits"
                 uncovered.append(f"{where}: it deploys {of.name}, {says}")
                 continue
-            same, why = _is_covered(flat, module, problems, chosen)
+            same, why = _coverage_and_reason(flat, module, problems, chosen)
             if same:
                 covered.append(where)
             else:
@@ -150,13 +149,13 @@ def coverage_of(
 
 
 def _posed_problems(flat: System, module: Module, problems: list[Problem]) -> list[int]:
-    """Indices of the problems that a module poses in its first view; empty if a view poses none."""
+    """The indices of the problems of a module's first view; empty if some view poses none."""
     keys = [problem_key(extract(*seen)) for seen in systems_by_view(flat, module)]
     every = [[i for i, p in enumerate(problems) if problem_key(p) == key] for key in keys]
     return every[0] if all(every) else []
 
 
-def _is_covered(
+def _coverage_and_reason(
     flat: System, module: Module, problems: list[Problem], chosen: Chosen
 ) -> tuple[bool, str]:
     """Whether a chosen module poses the same problem as this one; if not, why not."""
@@ -169,8 +168,8 @@ def _is_covered(
         codes = ", ".join(dict.fromkeys(d.code for d in error.diagnostics))
         return False, f"it poses no problem that can be proved ({codes})"
     if posed and (module.symbol.verify.abstracts or module.symbol.verify.views):
-        around = flying_key(flat, module)
-        if not any(flying_key(*chosen[i]) == around for i in posed):
+        key = flying_key(flat, module)
+        if not any(flying_key(*chosen[i]) == key for i in posed):
             return False, "another vehicle, or other nodes around the module, not verified there"
     if posed:
         return True, ""
@@ -182,8 +181,8 @@ def _is_covered(
 def problem_key(problem: Problem) -> object:
     """A key that is equal where two modules pose the same problem.
 
-    It holds all that sets and claims are computed from; components are compared by their
-    declaration and all of their numbers, except AC, of which no proof reads the code.
+    It holds everything from which sets and claims are computed. Components are compared by their
+    declaration and all of their numbers, except AC, as no proof reads its code.
     """
     ac = problem.module.ac
     components = tuple(
@@ -217,13 +216,13 @@ def problem_key(problem: Problem) -> object:
 
 
 def _law_key(problem: Problem) -> object:
-    """The key of the fail-safe law; with the problem it determines the law's own problem."""
+    """A key of the fail-safe law, which, with the problem, determines the law's problem."""
     law = problem.module.law
     return tuple(sorted((problem.system.topics[i].name, repr(v)) for i, v in law.items()))
 
 
 def flying_key(flat: System, module: Module) -> object:
-    """The key of all that flies around a module whose plants are abstractions."""
+    """A key of the whole flying system of a module whose plants are abstractions."""
     return (
         module.name,
         tuple((c.name, component_key(flat, c)) for c in flat.components),
@@ -239,7 +238,7 @@ def _ac_key(system: System, c: Component) -> object:
 
 
 def component_key(system: System, c: Component) -> object:
-    """A component's declaration and all of its numbers, as `problem_key` compares it."""
+    """A key of a component: its declaration and all of its numbers."""
     return (
         c.role,
         c.plant or c.node,
@@ -272,7 +271,7 @@ def _unproved_contracts(flat: System, module: Module) -> list[str]:
 
 
 def _plants_beside(flat: System) -> list[str]:
-    """The plants that stop at a value outside a declared set and that no proof is about."""
+    """Sentences on plants that stop at a value outside a declared set, and that no proof covers."""
     abstracted = {
         m.name.rpartition(".")[0] + "." * ("." in m.name) + link.instance
         for m in flat.modules
@@ -281,7 +280,7 @@ def _plants_beside(flat: System) -> list[str]:
     gaps = []
     for plant in (c for c in flat.components if c.plant and c.name not in abstracted):
         sets = [t.name for t in (flat.topics[i] for i in plant.writes) if t.set_declared]
-        if sets and not publisher_of(flat, plant):
+        if sets and not module_proving_plant(flat, plant):
             gaps.append(
                 f"plant {plant.name} of system {flat.name}, which stops where what it drives "
                 f"leaves its declared set: {', '.join(sets)}"
@@ -293,16 +292,16 @@ def _set_guarantees(flat: System, module: Module, problem: Problem) -> list[Scop
     guarantees = []
     for index in dict.fromkeys(o.owner for o in problem.quantities.others):
         topic = problem.system.topics[index]
-        there = [t for t in flat.topics if t.symbol is topic.symbol]
-        there.sort(key=lambda t: not t.name.startswith(name_of_subsystem(module)))
-        by = (there[0] if there else topic).driver or "nobody (its default)"
+        flying = [t for t in flat.topics if t.symbol is topic.symbol]
+        flying.sort(key=lambda t: not t.name.startswith(name_of_subsystem(module)))
+        by = (flying[0] if flying else topic).driver or "nobody (its default)"
         text = f"{topic.name} lies in its declared set"
         guarantees.append(ScopeGuarantee(problem.name, text, by, "enforced"))
     return guarantees
 
 
 def _guarantees_of(flat: System, module: Module, problem: Problem) -> list[ScopeGuarantee]:
-    """The guarantees on which a module relies, outside of itself, and who sees to each."""
+    """The facts outside of a module on which it relies, with who guarantees each."""
     guarantees = _set_guarantees(flat, module, problem)
     guarantees += _mode_guarantees(problem)
     guarantees += _influence_guarantees(flat, problem)
@@ -328,7 +327,7 @@ def _guarantees_of(flat: System, module: Module, problem: Problem) -> list[Scope
 
 
 def _mode_guarantees(problem: Problem) -> list[ScopeGuarantee]:
-    """The guarantees about modes of other modules; only P2b needs any, where it waits for them."""
+    """The guarantees about modes of other modules, and for P2b that some of them are in AC."""
     if problem.modes is None:
         return []
     guarantees = [
@@ -342,20 +341,20 @@ def _mode_guarantees(problem: Problem) -> list[ScopeGuarantee]:
 
 
 def _influence_guarantees(flat: System, problem: Problem) -> list[ScopeGuarantee]:
-    """The guarantees that what others publish, and the plants read, stays in its set."""
+    """The guarantees that topics of others, by which they move the plants, stay in their sets."""
     guarantees = []
     for i in problem.influences:
         index, by = _flying_topic(flat, problem, i.topic)
-        text = f"{i.name(problem.system)} in [{i.low:g}, {i.high:g}]"
+        text = f"{i.name_in_proofs(problem.system)} in [{i.low:g}, {i.high:g}]"
         plant = next((c for c in flat.components if c.plant and index in c.writes), None)
         if plant is None:
             guarantees.append(
                 ScopeGuarantee(problem.name, text, by or "nobody (its default)", "enforced")
             )
             continue
-        keeper, how = topic_contract_of(flat, index, i.leaf, i.low, i.high), "guaranteed"
+        keeper, how = module_keeping_leaf(flat, index, i.leaf, i.low, i.high), "guaranteed"
         if not keeper:
-            keeper, how = publisher_of(flat, plant), "published"
+            keeper, how = module_proving_plant(flat, plant), "published"
         guarantees.append(
             ScopeGuarantee(problem.name, text, keeper or by, how if keeper else "assumed")
         )
@@ -363,20 +362,20 @@ def _influence_guarantees(flat: System, problem: Problem) -> list[ScopeGuarantee
 
 
 def _flying_topic(flat: System, problem: Problem, index: int) -> tuple[int, str]:
-    """The index in the flying system of a verification system's topic, and who drives it there."""
+    """The flying system's index of a topic of the verification system, and who drives it there."""
     topic = problem.system.topics[index]
-    there = [t for t in flat.topics if t.symbol is topic.symbol]
-    around = problem.module.name.rpartition(".")[0]
-    there.sort(key=lambda t: (t.name != topic.name, not t.name.startswith(around)))
-    counterpart = there[0] if there else topic
+    flying = [t for t in flat.topics if t.symbol is topic.symbol]
+    home = problem.module.name.rpartition(".")[0]
+    flying.sort(key=lambda t: (t.name != topic.name, not t.name.startswith(home)))
+    counterpart = flying[0] if flying else topic
     return counterpart.index, counterpart.driver
 
 
 @dataclass(frozen=True)
 class ComposedAssumption:
-    """A row: `module` relies on `what`; `why` it may, and whether that is still `open`.
+    """A row of the table: `module` relies on `what`; `why` says who guarantees that.
 
-    `promised`: whether another module should guarantee it.
+    `open`: whether it is not shown; `promised`: whether another module should guarantee it.
     """
 
     module: str
@@ -393,11 +392,11 @@ def composed_assumptions_of(report: VerifyReport) -> list[ComposedAssumption]:
     rows = []
     for g in report.coverage.guarantees:
         module = g.module.removesuffix(f" as {views.get(g.module, '')}")
-        rows.append(ComposedAssumption(module, g.what, *_reason_and_status(g, verdicts)))
+        rows.append(ComposedAssumption(module, g.what, *_why_open_and_promised(g, verdicts)))
     return list(dict.fromkeys(rows))
 
 
-def _reason_and_status(g: ScopeGuarantee, verdicts: dict[str, str]) -> tuple[str, bool, bool]:
+def _why_open_and_promised(g: ScopeGuarantee, verdicts: dict[str, str]) -> tuple[str, bool, bool]:
     if g.how == "guaranteed":
         verdict = verdicts.get(g.by, "not verified here")
         return f"`safe` of {g.by}: {verdict}", verdict != "proved", True

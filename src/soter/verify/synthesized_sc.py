@@ -1,14 +1,14 @@
-"""A synthesized safe controller: its table of commands, and its text as a node of Soter.
+"""Makes a synthesized safe controller: its table of commands, and its text as a node of Soter.
 
-Purpose: `law_table` picks one command for every block of a coarse table so that the law that reads
+Purpose: `block_law` picks one command for every block of a coarse table so that the law that reads
 it keeps the core, and heads for where an adversary would need longest to do harm.
 `program_with_law` makes the program with that law as a node in the place of `sc synthesized period
 d;`. Nothing here is trusted: the written node is verified like any other.
 Non-goals: the core and the images of cells (`verify/grid/sets.py`), proofs (`verify_module.py`).
 
-A law that is read off a table is analysed on closed cells, so on a border all commands of the
-neighbours may come. A cell is *free* when its image under every mixture of commands stays in the
-core. All table entries that a cell which is not free can see must therefore agree.
+The law is analysed on closed cells, so on a border all commands of the neighbours are possible. A
+cell is *free* if its image under every mixture of commands stays in the core. So all table entries
+that are possible in a cell which is not free have to agree.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ import numpy as np
 from soter.diagnostics.diagnostic import Diagnostics, Source
 from soter.language.model.types import ArrayType, FloatType, RecordType, leaves
 from soter.language.syntax.printer import format_source
-from soter.report.atomic_write import own_place
+from soter.report.atomic_write import own_path
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -42,31 +42,31 @@ if TYPE_CHECKING:
 
 
 NEVER = 1e6
-"""The number of steps to the goal that counts where it is not reached."""
+"""The number of steps to the goal where the goal is not reached."""
 SWEEPS_MAX = 1000
 GOAL_SHARE = 0.9
 """The goal of the law: blocks with at least this share of the longest time from harm."""
 SEEN = 2
-"""How many cells away a state may read a table entry: a neighbour, and one for rounding."""
+"""The number of cells from a state to a table entry that it may read: one, and one by rounding."""
 STRIDE = 8
-"""How many cells of the grid a side of a block of the table has."""
+"""The number of cells of the grid along each side of a block of the table."""
 
 
 @dataclass(frozen=True)
 class CellCommands:
-    """The engine's answers about m commands on the cells of a grid, shape (n_1, ..., n_d)."""
+    """The engine's answers on m commands in the cells of a grid of shape (n_1, ..., n_d)."""
 
     core: Bools
     """K: cells from which some sequence of commands keeps the constraint for ever."""
     admits: Bools
-    """(m, *cells): whether one period of the command leads back into K and never leaves C."""
+    """Truths (m, *cells): whether one period of a command leads back into K and never leaves C."""
     free: Bools
-    """Cells from which every mixture of commands does so."""
+    """Cells from which one period of every mixture of commands does so."""
 
 
 @dataclass(frozen=True)
 class LawTable:
-    """A law: a command for each block (i_1, ..., i_d); blocks begin at `low`, `width` each."""
+    """A law: a command for each block (i_1, ..., i_d); blocks begin at `low`, each `width` wide."""
 
     low: tuple[float, ...]
     width: tuple[float, ...]
@@ -79,16 +79,16 @@ def block_middles(low: Sequence[float], width: Sequence[float], shape: tuple[int
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
 
 
-def law_table(
+def block_law(
     choices: CellCommands,
     low: Sequence[float],
     width: Sequence[float],
-    after: Callable[[int, Floats], Floats],
+    points_after: Callable[[int, Floats], Floats],
     stride: int = STRIDE,
 ) -> LawTable:
-    """The table for a grid of equal cells from `low` on, `width` each.
+    """The law for a grid of equal cells from `low` on, each `width` wide.
 
-    `after(u, points)`: where states (n, d) are one period of command u later, without disturbance.
+    `points_after(u, points)`: the undisturbed states (n, d) one period of command u later.
     """
     admits = choices.admits & choices.core
     strict = choices.core & ~choices.free
@@ -102,7 +102,7 @@ def law_table(
     points = block_middles(low, sides, inside.shape)
     flat = points.reshape(-1, points.shape[-1])
     moves = [
-        _interpolation(low, sides, after(u, flat).reshape(points.shape), inside.shape)
+        _interpolation_at(low, sides, points_after(u, flat).reshape(points.shape), inside.shape)
         for u in range(len(admits))
     ]
     usual = _preferred_commands(inside, refused, moves)
@@ -110,7 +110,7 @@ def law_table(
     ranked = misses * (popular.max() + 1) - popular.reshape(-1, *[1] * strict.ndim)
     entries = np.where((must + misses).any(axis=0), ranked.argmin(axis=0), usual)
     return LawTable(
-        tuple(low), sides, _with_neighbours_entries(entries, inside | (must + misses).any(axis=0))
+        tuple(low), sides, _filled_entries(entries, inside | (must + misses).any(axis=0))
     )
 
 
@@ -122,7 +122,7 @@ def command_combinations(problem: Problem) -> list[tuple[float, ...]]:
 def _preferred_commands(inside: Bools, refused: Bools, moves: Sequence[Read]) -> Ints:
     """For each block the command that leads soonest to where an adversary needs longest for harm.
 
-    It is found by value iteration on the middles with multilinear interpolation: a guide, no proof.
+    Value iteration on the middles finds it, with multilinear interpolation; it proves nothing.
     """
     start = np.where(inside, NEVER, 0.0)
     margin = _iterate_until_still(
@@ -130,22 +130,22 @@ def _preferred_commands(inside: Bools, refused: Bools, moves: Sequence[Read]) ->
     )
     goal = inside & (margin >= GOAL_SHARE * np.where(inside, margin, 0.0).max())
 
-    def costs(time: Floats) -> Floats:
+    def time_by_command(time: Floats) -> Floats:
         later = np.stack([np.minimum(1.0 + m(time), NEVER) for m in moves])
         return np.where(refused, NEVER, later)
 
-    def better(time: Floats) -> Floats:
-        return np.where(goal, 0.0, np.where(inside, costs(time).min(axis=0), NEVER))
+    def improved_time(time: Floats) -> Floats:
+        return np.where(goal, 0.0, np.where(inside, time_by_command(time).min(axis=0), NEVER))
 
-    time = _iterate_until_still(np.where(goal, 0.0, NEVER), better)
+    time = _iterate_until_still(np.where(goal, 0.0, NEVER), improved_time)
     gain = np.where(refused, -1.0, np.stack([m(margin) for m in moves]))
-    best: Ints = np.where(goal, gain.argmax(axis=0), costs(time).argmin(axis=0))
+    best: Ints = np.where(goal, gain.argmax(axis=0), time_by_command(time).argmin(axis=0))
     return best
 
 
-def _iterate_until_still(f: Floats, better: Callable[[Floats], Floats]) -> Floats:
+def _iterate_until_still(f: Floats, improve: Callable[[Floats], Floats]) -> Floats:
     for _ in range(SWEEPS_MAX):
-        following = better(f)
+        following = improve(f)
         moved = np.abs(following - f).max()
         f = following
         if moved < 1e-2:
@@ -153,7 +153,7 @@ def _iterate_until_still(f: Floats, better: Callable[[Floats], Floats]) -> Float
     return f
 
 
-def _interpolation(
+def _interpolation_at(
     low: Sequence[float], width: Sequence[float], points: Floats, shape: tuple[int, ...]
 ) -> Read:
     """A function that interpolates values at the blocks' middles, constant beyond them."""
@@ -197,19 +197,19 @@ def votes_by_block(votes: Bools, stride: int) -> Ints:
     return count
 
 
-def _with_neighbours_entries(entries: Ints, known: Bools) -> Ints:
-    """The entries, unknown ones copied from known neighbours, layer by layer."""
+def _filled_entries(entries: Ints, known: Bools) -> Ints:
+    """The entries, of which unknown ones are copied from known neighbours, layer by layer."""
     result: Ints = entries.copy()
     left = ~known
     while left.any() and not left.all():
         for axis in range(entries.ndim):
             for step in (1, -1):
                 source = np.roll(result, step, axis=axis)
-                there = ~np.roll(left, step, axis=axis)
+                source_known = ~np.roll(left, step, axis=axis)
                 edge = [slice(None)] * entries.ndim
                 edge[axis] = slice(0, 1) if step == 1 else slice(-1, None)
-                there[tuple(edge)] = False
-                take = left & there
+                source_known[tuple(edge)] = False
+                take = left & source_known
                 result[take] = source[take]
                 left &= ~take
     return result
@@ -221,7 +221,7 @@ HEADER = "Found by `soter verify --synthesize`."
 
 @dataclass(frozen=True)
 class SynthesizedSource:
-    """A program with its safe controller: the text of the module's file, and the table."""
+    """A program with its safe controller: the text of the module's file, and the table's bytes."""
 
     node: str
     text: str
@@ -229,8 +229,8 @@ class SynthesizedSource:
     data: bytes
 
     def save(self, path: Path) -> tuple[Path, Path]:
-        """Writes the program to `path` and the table beside it; `OSError`."""
-        beside = own_place(path.parent, self.data_name)
+        """Writes the program to `path` and the table beside it, or raises `OSError`."""
+        beside = own_path(path.parent, self.data_name)
         path.write_text(self.text, encoding="utf-8")
         beside.write_bytes(self.data)
         return path, beside
@@ -258,7 +258,7 @@ def program_with_law(problem: Problem, table: LawTable) -> SynthesizedSource:
 
 
 def free_name(name: str, text: str) -> str:
-    """`name` with so many underscores that it does not stand in the text."""
+    """The name with so many underscores that it does not stand in the text."""
     while name in text:
         name += "_"
     return name
@@ -277,10 +277,10 @@ def _start_of_module(symbol: ModuleSymbol) -> int:
 
 
 def _table_bytes(problem: Problem, table: LawTable) -> bytes:
-    """The bytes of a table for each control, of indices into its own increasing commands.
+    """The bytes of a table for each control, of indices into its increasing commands.
 
-    On a border between blocks an analysis joins indices, each control by itself; as commands
-    increase with them, only commands between the two are added.
+    On a border between blocks an analysis joins the indices of each control. As commands increase
+    with the indices, that adds only commands between the two.
     """
     sizes = [len(values) for values in problem.commands]
     parts = np.stack(np.unravel_index(table.entries, sizes)).astype(np.uint8)

@@ -1,10 +1,9 @@
-"""Verifies one module: a verdict on every property; over sets of states, or by another method.
+"""Verifies one module, with a verdict on every property.
 
 Purpose: `verify_module` proves all cases over sets of states, on finer grids where claims fail only
-at borders, looks for counterexamples to what is not proved, and returns a `ModuleResult`. What
-could not be bounded is undecided. `module_method` gives, for each kind of problem, the functions
-that verify it, write its certificate entry, and check that a deployed system gives what the proof
-needs.
+at borders, looks for counterexamples to claims that are not proved, and returns a `ModuleResult`. A
+claim of which something has no bound is undecided. `module_method` gives, for each kind of problem,
+the functions that verify it, write its certificate entry, and check what a deployed system gives.
 Non-goals: the claims themselves (`verify/claims/`), proofs by induction (`induction/verify.py`) and
 by tubes (`tubes/verify.py`); how groups of states are proved (`proof_methods.py`).
 """
@@ -16,15 +15,15 @@ from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from soter.diagnostics.current_phase import between, phase, share_done, telling
+from soter.diagnostics.current_phase import between, phase, share_done, shares_to
 from soter.language.model.assumption_words import in_words
 from soter.language.model.types import show_ns
 from soter.verify.claims import claims
 from soter.verify.claims.choose_cells_and_levels import (
+    cases_with_way_back,
     choose_cells_and_levels,
     given_up_note,
     shrink_core,
-    with_way_back,
 )
 from soter.verify.claims.claims import (
     HOW,
@@ -62,7 +61,7 @@ from soter.verify.diagnosis.vacuity import (
     worst_vacuity,
 )
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
-from soter.verify.grid.case import Case, ClaimTimer, settled_before, settled_in_words
+from soter.verify.grid.case import Case, ClaimTimer, notes_on_interruption, verdicts_in_words
 from soter.verify.grid.claims import HOW as HOW_ON_GRIDS
 from soter.verify.grid.claims import proved_in_words
 from soter.verify.grid.grid_refinement import announce_work, refined_groups, refinement_note
@@ -112,8 +111,8 @@ def verify_module(
 ) -> ModuleResult:
     """Verifies one module; `SoterError` R... where its program cannot be enclosed.
 
-    `explain`: find out why something stays undecided; None: as `refute`. `compiled`: the result of
-    `library_of`. `search` is there because every method takes it, and is not used.
+    `explain`: find out why a claim stays undecided; None: as `refute`. `compiled`: the result of
+    `library_of`. `search` is not used: every method takes it.
     """
     del search
     began = time.perf_counter()
@@ -134,7 +133,7 @@ def verify_module(
     if refute:
         phase(f"{problem.name}: looking for a counterexample")
     share_done(ATTACKED)
-    with telling(None), settled_before(lambda: settled_in_words(result)):
+    with shares_to(None), notes_on_interruption(lambda: verdicts_in_words(result)):
         if refute and problem.modes is None:  # in a run somebody has to decide what the others do
             from soter.verify.refute import enter_refutations  # noqa: PLC0415 - compiles all of it
 
@@ -142,14 +141,14 @@ def verify_module(
         if (refute if explain is None else explain) and result.verdict in (UNDECIDED, REFUTED):
             from soter.verify.diagnosis.tried_remedies import diagnose  # noqa: PLC0415 - only here
 
-            diagnose(done, result, cpu, _attempt_problem)
+            diagnose(done, result, cpu, _cases_of_changed_problem)
     note_narrowed_leaves(result, done, CLAIMS)
     result.seconds = time.perf_counter() - began
     return result
 
 
 def _result_with_verdicts(chosen: Choice, prelude: tuple[str, ...]) -> ModuleResult:
-    """The result with findings on all but DM; `prelude`: the prelude's functions in the proof."""
+    """The result with all findings but that on DM; `prelude`: prelude functions in the proof."""
     problem, done = chosen.problem, chosen.done or []
     entered, why_unentered = _hand_over_assumptions(problem, done)
     ages = note_on_ages(problem.module.symbol.ttf)
@@ -175,32 +174,32 @@ def _result_with_verdicts(chosen: Choice, prelude: tuple[str, ...]) -> ModuleRes
 
 
 def _choose_cells_and_levels(problem: Problem, library: ReachLibrary) -> tuple[Choice, float]:
-    """All cases on the chosen cells and levels, and the CPU seconds of the first attempt."""
+    """The choice of cells and levels, with all cases, and the CPU seconds of the first attempt."""
     spent: list[float] = []
 
     def attempt(problem: Problem) -> list[Case]:
         began = time.process_time()
-        with telling(None) if spent else nullcontext():
-            done = _all_cases(problem, library)
+        with shares_to(None) if spent else nullcontext():
+            done = _cases_of_problem(problem, library)
         spent.append(time.process_time() - began)
         return done
 
     return choose_cells_and_levels(problem, attempt), spent[0]
 
 
-def _all_cases(problem: Problem, library: ReachLibrary) -> list[Case]:
+def _cases_of_problem(problem: Problem, library: ReachLibrary) -> list[Case]:
     every = list(parameter_cases(problem))
     done = []
     for i, parameter in enumerate(every):
         with between(i / len(every), (i + 1) / len(every), STAGES):
             done.append(_case_on_finer_grids(problem, library, parameter))
-    return with_way_back(done) if problem.computed else done
+    return cases_with_way_back(done) if problem.computed else done
 
 
 def _case_on_finer_grids(
     problem: Problem, library: ReachLibrary, parameter: tuple[int, ...]
 ) -> Case:
-    """One case, on finer grids if only borders fail; not for computed predicates."""
+    """One case, on finer grids if only borders fail and no predicates are computed."""
     first = case = _examined_case(problem, library, problem.groups, parameter, None)
     for _ in range(0 if problem.computed else REFINEMENTS_MAX):
         if (finer := refined_groups(case)) is None:
@@ -251,7 +250,7 @@ def _examine_claims(case: Case) -> None:
 
 
 def _examine_return(case: Case, way_back: Callable[[Case], None]) -> None:
-    """Examines P2b; where cells of K are given up for it, examines what follows from K again."""
+    """Examines P2b; where K gives up cells for it, examines the claims that rest on K again."""
     with ClaimTimer(case, "P2b"):
         way_back(case)
     if shrink_core(case):
@@ -282,7 +281,7 @@ def _dm_finding(result: ModuleResult) -> Finding:
 
     began = time.perf_counter()
     check = check_module(result)
-    return Finding(check.verdict, time.perf_counter() - began, HOW["DM"], check.text)
+    return Finding(check.verdict, time.perf_counter() - began, HOW["DM"], check.summary)
 
 
 def _prelude_assumptions(functions: tuple[str, ...]) -> list[Assumption]:
@@ -305,10 +304,10 @@ def _simultaneity_assumptions(problem: Problem, done: list[Case]) -> list[Assump
 
 
 def _hand_over_assumptions(problem: Problem, done: list[Case]) -> tuple[Mapping[str, str], str]:
-    """The assumptions about a declared `enters` that are shown, by key, and how; or why not.
+    """The shown assumptions about a declared `enters`, by key with the proof in words; or why not.
 
-    If they are not shown the module is undecided. It is no claim of one case, as `enters` must
-    imply R(H) in all of them.
+    If they are not shown the module is undecided. No single case shows them, as `enters` must imply
+    R(H) in all of them.
     """
     entered, why = problem.jumps.entered, problem.jumps.unkept
     if entered and not why:
@@ -318,7 +317,7 @@ def _hand_over_assumptions(problem: Problem, done: list[Case]) -> tuple[Mapping[
 
 
 def _weaken_if_proved(finding: Finding, why: str, hint: str) -> None:
-    """Makes a proved finding undecided, with this reason; others have their own reasons."""
+    """Makes a proved finding undecided for this reason; others keep their own reasons."""
     if finding.verdict == PROVED:
         finding.weaken_to(UNDECIDED, why, hint)
 
@@ -352,7 +351,7 @@ def _law_in_words(problem: Problem, lawful: list[FailsafeClaim]) -> str:
 
 def _finding_on_claim(problem: Problem, done: list[Case], claim: str) -> Finding:
     if claim == "P2b" and problem.stays:  # nobody has to give control back, K or no K
-        return Finding(ASSUMED, text=STAYS.format(problem.module.symbol.stays))
+        return Finding(ASSUMED, text=STAYS.format(problem.module.symbol.stay_clause))
     finding = Finding(PROVED, method=HOW_ON_GRIDS[claim])
     finding.seconds = sum(c.spent.get(claim, 0.0) for c in done)
     names = [p.name for p in problem.parameters]
@@ -394,7 +393,7 @@ def _proved_text(problem: Problem, done: list[Case], claim: str, finding: Findin
 
 
 def _p3_finding(result: ModuleResult, seconds: float) -> Finding:
-    """The finding on P3, which is that both inclusions hold."""
+    """The finding on P3, which holds if both `ttf` and `safer` are proved."""
     ttf, safer = result.findings["ttf"], result.findings["safer"]
     bad = next((f for f in (ttf, safer) if f.verdict != PROVED), None)
     times = result.problem.times
@@ -418,17 +417,17 @@ def _least_shares(done: list[Case]) -> dict[str, float]:
     for case in done:
         one: dict[str, float] = {}
         for proof in case.proofs:
-            for name, value in proof.shares(case).items():
+            for name, value in proof.volume_shares(case).items():
                 one[name] = one.get(name, 1.0) * value
         for name, value in one.items():
             shares_by_name.setdefault(name, []).append(value)
     return {name: min(values) for name, values in shares_by_name.items()}
 
 
-def _attempt_problem(problem: Problem) -> list[Case]:
-    """Every case of a changed problem, settled as if it were declared."""
+def _cases_of_changed_problem(problem: Problem) -> list[Case]:
+    """Every case of a changed problem, verified as if the program declared it."""
     library, _ = library_of(problem)
-    return choose_cells_and_levels(problem, lambda p: _all_cases(p, library)).done or []
+    return choose_cells_and_levels(problem, lambda p: _cases_of_problem(p, library)).done or []
 
 
 @dataclass(frozen=True)
@@ -436,20 +435,22 @@ class ModuleMethod:
     """The functions of a method, for problems of its kind and for its own results."""
 
     verify: Callable[..., ModuleResult]
-    """(problem, refute=, explain=, search=, compiled=) -> verdicts of all properties."""
+    """Takes (problem, refute=, explain=, search=, compiled=); gives verdicts of all properties."""
     entry: Callable[[Any, str, str, dict[str, bytes]], dict[str, object]]
-    """(result, system, stem of its files, files) -> the module in a manifest."""
+    """Takes (result, system, stem of its files, files); gives the module's entry in a manifest."""
     covers: Callable[[System, System, Any, Diagnostics], tuple[list[str], list[str]]]
-    """(deployed system, proved one, problem, diagnostics) -> what is covered, and assumed."""
+    """Takes (deployed system, proved one, problem, diagnostics); gives what is covered, assumed."""
     compiled: Callable[[Problem], object] | None = None
-    """What `verify` needs as `compiled`, and makes itself where it is None."""
+    """Compiles the value that `verify` takes as `compiled`, and makes itself if that is None."""
 
 
 SETS = ModuleMethod(verify_module, entry_over_sets, deployed_sensors.check_sensors, library_of)
 METHODS: dict[ProblemKind, ModuleMethod] = {
     "flow": SETS,
     "map": SETS,
-    "nodes": ModuleMethod(verify_by_induction, induction.entry, induction.covers),
+    "nodes": ModuleMethod(
+        verify_by_induction, induction.certificate_entry, induction.covered_inputs
+    ),
     "tubes": ModuleMethod(verify_by_tubes, tubes_entry, deployed_sensors.check_sensors),
 }
 

@@ -1,4 +1,4 @@
-"""A child process that answers questions and cannot do more, and the end of processes left behind.
+"""Runs a child process that answers questions, and ends processes that it leaves behind.
 
 Purpose: `Child` forks, asks, and waits for a limited time; an answer is bytes of a limited length,
 whose meaning is the caller's business. A child that hangs, crashes, exits or sends too much is
@@ -31,13 +31,13 @@ if TYPE_CHECKING:
 PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER = 1, 36
 CLOSED_TO = 65_536
 PATIENCE_S = 5.0
-"""How long a process that is ended may take for that, s."""
+"""How long a process may take to end once it is told to, in s."""
 
 
-def resume(child: int) -> None:
-    """Lets a stopped child go on: an extern's code can send stop signals to its own parents.
+def resume_child(child: int) -> None:
+    """Lets a stopped child go on, as an extern's code may send stop signals to its parents.
 
-    Where the user stops the command (Ctrl-Z), the caller of this is stopped as well.
+    If a user stops the command with Ctrl-Z, the caller of this function is stopped as well.
     """
     if sys.platform != "win32":
         with suppress(ChildProcessError, ProcessLookupError):
@@ -46,13 +46,13 @@ def resume(child: int) -> None:
 
 
 def adopt_orphans() -> None:
-    """Lets processes that descendants of this process leave behind become its children."""
+    """Makes this process the parent of descendants whose own parents have ended (Linux)."""
     with suppress(OSError, AttributeError):
         ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1)
 
 
 def end_children() -> None:
-    """Kills the children of this process, and theirs, which then become its own."""
+    """Kills the children of this process, then their children, which it has adopted."""
     end = time.monotonic() + PATIENCE_S
     while time.monotonic() < end and (left := child_processes(os.getpid())):
         for process in left:
@@ -63,7 +63,7 @@ def end_children() -> None:
 
 
 def child_processes(parent: int) -> list[int]:
-    """The numbers of a process's children, from proc(5)."""
+    """The process numbers of a process's children, from the files of proc(5)."""
     children = []
     for stat in Path("/proc").glob("[0-9]*/stat"):
         with suppress(OSError):
@@ -73,10 +73,10 @@ def child_processes(parent: int) -> list[int]:
 
 
 def fork_under_supervisor(parent: int) -> int:
-    """Forks, and returns this process's number in the child alone; this process never returns.
+    """Forks; returns only in the child, and gives the number of this process, its supervisor.
 
-    It leads a session, adopts what the child leaves behind, and ends all of it when the child has
-    ended, when `parent` is gone, or on SIGTERM; then it ends as the child did.
+    The supervisor leads a session and adopts processes that the child leaves behind. It ends all of
+    them when the child has ended, when `parent` is gone, or on SIGTERM; then it ends as the child.
     """
     os.setsid()
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
@@ -90,7 +90,7 @@ def fork_under_supervisor(parent: int) -> int:
     if child == 0:
         return pid
     os.closerange(3, CLOSED_TO)
-    code = _exit_code(child)
+    code = _awaited_exit_code(child)
     end_children()
     if code < 0:
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
@@ -101,8 +101,8 @@ def fork_under_supervisor(parent: int) -> int:
     os._exit(code if code >= 0 else 1)
 
 
-def _exit_code(child: int) -> int:
-    """The exit code of a child, as `subprocess` has it; -9 if this process is told to end first."""
+def _awaited_exit_code(child: int) -> int:
+    """Waits for a child, and gives its exit code as `subprocess` does; -9 after a SIGTERM to us."""
     while signal.sigwait((signal.SIGTERM, signal.SIGCHLD)) == signal.SIGCHLD:
         with suppress(ChildProcessError):
             while (ended := os.waitpid(-1, os.WNOHANG))[0]:
@@ -113,7 +113,7 @@ def _exit_code(child: int) -> int:
 
 HEAD = struct.Struct("<Q")
 LONGEST = 64 * 2**20
-"""Bytes of a message at most; one that announces more is not read."""
+"""The most bytes of an answer; an answer that announces more is not read."""
 LOOK_S = 0.5
 SLEEPY_S = 5.0
 MEMORY = 64 * 2**30
@@ -121,14 +121,14 @@ MEMORY = 64 * 2**30
 
 
 class DeadError(Exception):
-    """The child gives no answer any more; the message says why."""
+    """The child can give no more answers; the text of the error says why."""
 
 
 class Child:
-    """A child process that answers questions, by the function that `serve` gives in it."""
+    """A child process; the function that `serve` returns there answers its questions."""
 
     def __init__(self, serve: Callable[[], Callable[[bytes], bytes]]) -> None:
-        """`serve()` is called in the child, first of all; whatever it raises ends the child."""
+        """`serve()` is called once, in the child; an exception in it ends the child."""
         ours, theirs = socket.socketpair()
         sys.stdout.flush()
         sys.stderr.flush()
@@ -138,13 +138,13 @@ class Child:
             ours.close()
             if sys.platform == "linux":
                 parent = fork_under_supervisor(parent)
-            _live(theirs, parent, serve)
+            _serve(theirs, parent, serve)
         theirs.close()
         ours.setblocking(False)
         self._socket = ours
 
-    def ask(self, question: bytes, patience_s: float | None) -> bytes:
-        """The child's answer; DeadError if none comes in time, after which the child is gone."""
+    def answer_to(self, question: bytes, patience_s: float | None) -> bytes:
+        """The child's answer to a question; without one in time it is ended: DeadError."""
         end = None if patience_s is None else time.monotonic() + patience_s
         try:
             self._send(HEAD.pack(len(question)) + question, end)
@@ -158,7 +158,7 @@ class Child:
             raise DeadError(self.end("")) from None
 
     def end(self, why: str = "") -> str:
-        """Ends the child, if it still runs; returns in words why it is gone."""
+        """Ends the child if it still runs; gives the reason for its end in words."""
         self._socket.close()
         if self.process == 0:
             return why
@@ -174,13 +174,13 @@ class Child:
         return f"its process ended by itself, with exit status {code}"
 
     def _reap_child(self) -> int:
-        """The child's wait status; a child that has closed its side but lives on is killed.
+        """Waits for the child's end, kills it if that is late, and gives its wait status.
 
-        What it has started ends with it: on Linux wherever it has moved (`fork_under_supervisor`),
-        elsewhere only what is still in its session.
+        Processes that it has started end, too: on Linux all of them (`fork_under_supervisor`),
+        elsewhere only those that are still in its session.
         """
         self._wait_for_end(LOOK_S)
-        self._kill_child()  # before it is waited for: until then the number of the group is its own
+        self._kill_child()  # before `waitpid`, which frees the group's number
         _, status = os.waitpid(self.process, 0)
         return status
 
@@ -194,7 +194,7 @@ class Child:
         if sys.platform == "linux":
             with suppress(ProcessLookupError):
                 os.kill(self.process, signal.SIGTERM)
-            self._wait_for_end(PATIENCE_S + LOOK_S)  # the first of them may take it to end others
+            self._wait_for_end(PATIENCE_S + LOOK_S)  # the supervisor ends others meanwhile
         with suppress(ProcessLookupError, PermissionError):
             os.killpg(self.process, signal.SIGKILL)
         with suppress(ProcessLookupError):
@@ -218,7 +218,7 @@ class Child:
 
 
 def _has_ended(process: int) -> bool:
-    """Whether a child has ended; where the system allows it, its status can still be waited for."""
+    """Whether a child has ended, without taking its status; False if the system cannot say."""
     if not hasattr(os, "waitid"):
         return False
     status = os.waitid(os.P_PID, process, os.WEXITED | os.WNOHANG | os.WNOWAIT)
@@ -239,8 +239,8 @@ def _wait_until_ready(side: socket.socket, end: float | None, *, write: bool) ->
 # ---------------------------------------------------------------- the child
 
 
-def _live(side: socket.socket, parent: int, serve: Callable[[], Callable[[bytes], bytes]]) -> None:
-    """Answers questions in the child, without any of the parent's files; never returns."""
+def _serve(side: socket.socket, parent: int, serve: Callable[[], Callable[[bytes], bytes]]) -> None:
+    """Answers questions in the child, after it has closed the parent's files; never returns."""
     status = 1
     try:
         _leave_parent(side, parent)
@@ -263,7 +263,7 @@ def _leave_parent(side: socket.socket, parent: int) -> None:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGALRM, signal.SIGCHLD):
         signal.signal(number, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_SETMASK, set())
-    end_with(parent)
+    end_with_parent(parent)
     with suppress(OSError, ValueError):
         _, most = resource.getrlimit(resource.RLIMIT_AS)
         wanted = MEMORY if most == resource.RLIM_INFINITY else min(MEMORY, most)
@@ -273,10 +273,10 @@ def _leave_parent(side: socket.socket, parent: int) -> None:
     os.closerange(kept + 1, CLOSED_TO)
 
 
-def end_with(parent: int) -> None:
-    """Has this process killed when its parent is gone, whatever it does then.
+def end_with_parent(parent: int) -> None:
+    """Makes sure that this process is killed when its parent is gone.
 
-    On Linux the system does it, elsewhere a thread that looks.
+    On Linux the system kills it, elsewhere a thread that watches the parent.
     """
     if sys.platform == "linux":
         with suppress(OSError, AttributeError):

@@ -1,10 +1,10 @@
-"""What is exchanged with the process of an extern node, byte for byte, and the worker's side.
+"""The bytes that are exchanged with the process of an extern node, and the worker's channel.
 
-Purpose: `Exchange` says where each topic lies in a request and in an answer; its `number` tells a
-process that was built for another layout. `Channel` is `runtime/posix/soter_channel.h` for a
-process that answers: it reads a request whole, writes an answer with its sum, and sleeps in
-between.
-Non-goals: the driver's side, which trusts nothing that comes from here (`runtime/posix/`).
+Purpose: `Exchange` says where each topic lies in a request and in an answer; by its `number` one
+recognizes a process that was built for another layout. `Channel` is `runtime/posix/soter_channel.h`
+for the process that answers: it reads a complete request, writes an answer with its checksum, and
+sleeps in between.
+Non-goals: the driver's side, which trusts no answer (`runtime/posix/`).
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Exchange:
-    """Both layouts of an extern node; `number`: 64 bits of the SHA-256 of them."""
+    """The layouts of an extern node's requests and answers; `number`: 64 bits of their SHA-256."""
 
     request: Struct
     answer: Struct
@@ -44,7 +44,7 @@ class Exchange:
 
 
 def make_exchange(system: System, component: Component) -> Exchange:
-    """The layouts of what an extern node is asked and answers."""
+    """The layouts of the requests to an extern node and of its answers."""
     request = _layout_as_declared(request_fields(system, component))
     fields = answer_fields(component)
     answer = lay_out(fields)
@@ -73,7 +73,7 @@ def _layout_text(struct: Struct) -> str:
 
 
 def _type_text(t: Type) -> str:
-    """A text that says what the bytes of a type mean, without names of records."""
+    """A text that describes the bytes of a type, without the names of records."""
     if isinstance(t, RecordType):
         return "{" + " ".join(f"{n}:{_type_text(f)}" for n, f in t.fields) + "}"
     if isinstance(t, ArrayType):
@@ -92,12 +92,12 @@ PRIME, BASIS, MASK = 0x100000001B3, 0xCBF29CE484222325, 2**64 - 1
 FUTEX = {"x86_64": 202, "aarch64": 98, "riscv64": 98}
 FUTEX_WAIT = 0
 NAP_NS = 200_000
-"""How long to sleep between looks where there is no futex."""
+"""How long to sleep, in ns, between two looks on systems without a futex."""
 
 
 @dataclass(frozen=True)
 class Request:
-    """A whole request: its number, the ct of the release in ns, the bytes."""
+    """A complete request: its number, the time of the node's release in ns, its bytes."""
 
     number: int
     time_ns: int
@@ -109,26 +109,26 @@ class LayoutError(Exception):
 
 
 class Channel:
-    """Both shared segments of a worker; `sizes` of request and answer, `number` of their layout."""
+    """The two shared segments of a worker, for requests and answers of these `sizes` in bytes."""
 
     def __init__(self, number: int, sizes: tuple[int, int]) -> None:
         self._number = number
         self._sizes = sizes
-        self._asked = _map_segment(REQUEST_FD, sizes[0], write=False)
-        self._given = _map_segment(ANSWER_FD, sizes[1], write=True)
+        self._request_words = _map_segment(REQUEST_FD, sizes[0], write=False)
+        self._answer_words = _map_segment(ANSWER_FD, sizes[1], write=True)
         self._last = 0
-        self._futex = _Futex(self._asked)
+        self._futex = _Futex(self._request_words)
 
     def announce_ready(self) -> None:
         """Tells the driver that this side waits for requests."""
         self._write_answer(0, 0, 0, bytes(self._sizes[1]))
 
     def next_request(self) -> Request:
-        """Waits for the next request; LayoutError if its layout is another."""
+        """Waits for the next request, and gives it; LayoutError if it has another layout."""
         while True:
-            seen = int(self._asked[0])
-            words = self._asked.copy()
-            whole = seen % 2 == 0 and seen == int(self._asked[0]) == int(words[0])
+            seen = int(self._request_words[0])
+            words = self._request_words.copy()
+            whole = seen % 2 == 0 and seen == int(self._request_words[0]) == int(words[0])
             if seen and whole and _checksum(words) == int(words[6]):
                 if (int(words[1]), int(words[2])) != (self._number, self._sizes[0]):
                     raise LayoutError
@@ -144,7 +144,7 @@ class Channel:
         self._write_answer(request.number, request.time_ns, fault, data or bytes(self._sizes[1]))
 
     def _write_answer(self, number: int, time_ns: int, fault: int, data: bytes) -> None:
-        words = self._given
+        words = self._answer_words
         new = np.zeros_like(words)
         new[1:6] = [self._number, self._sizes[1], number, time_ns, fault]
         padded = data.ljust(8 * (len(words) - HEAD_WORDS), b"\0")
@@ -157,14 +157,14 @@ class Channel:
 
 
 def _map_segment(fd: int, size: int, *, write: bool) -> Words:
-    """A shared segment as words, (8 + ceil(size / 8),)."""
+    """A shared segment as an array of words, (8 + ceil(size / 8),), mapped from file `fd`."""
     count = HEAD_WORDS + -(-size // 8)
     prot = mmap.PROT_READ | (mmap.PROT_WRITE if write else 0)
     return np.frombuffer(mmap.mmap(fd, 8 * count, prot=prot), dtype=np.uint64)
 
 
 def _checksum(words: Words) -> int:
-    """FNV-1a over the head, without sequence and sum, and over the value."""
+    """The FNV-1a hash of a segment's words, without its sequence number and its checksum."""
     total = BASIS
     listed = words.tolist()
     for word in (*listed[1:6], *listed[7:]):
@@ -173,7 +173,7 @@ def _checksum(words: Words) -> int:
 
 
 class _Futex:
-    """Sleeps while the first word of a segment is unchanged."""
+    """Lets this process sleep until the first word of a segment changes."""
 
     def __init__(self, words: Words) -> None:
         self._at = ctypes.c_void_p(words.ctypes.data)

@@ -1,4 +1,4 @@
-"""Ctrl-C while z3 is at work.
+"""Lets Ctrl-C interrupt z3 while it works.
 
 Purpose: `ask_solver` asks z3 in a thread, so that the main one gets Ctrl-C and interrupts the
 solver. Elsewhere `ctrl_c_waits` holds Ctrl-C back to the next question or `raise_if_interrupted`: a
@@ -43,7 +43,7 @@ def raise_if_interrupted() -> None:
 
 @contextmanager
 def ctrl_c_waits() -> Iterator[None]:
-    """Notes Ctrl-C in this block, and raises it at the end at the latest; other handlers stay."""
+    """Notes Ctrl-C in a `with` block, and raises it at the block's end; other handlers stay."""
     main = threading.current_thread() is threading.main_thread()
     if not main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
         yield
@@ -58,31 +58,31 @@ def ctrl_c_waits() -> Iterator[None]:
 
 @ctrl_c_waits()
 def ask_solver(solver: Any) -> Any:  # noqa: ANN401 - z3 has no types
-    """The result of `solver.check()`; KeyboardInterrupt soon after a Ctrl-C in the meantime."""
+    """The result of `solver.check()`; after a Ctrl-C it soon raises KeyboardInterrupt instead."""
     raise_if_interrupted()
     if threading.current_thread() is not threading.main_thread():
         return solver.check()
     solver.set("ctrl_c", False)
-    answers: list[Any] = []
-    asking = threading.Thread(target=_ask, args=(solver, answers), name="soter solver", daemon=True)
-    asking.start()
+    found: list[Any] = []
+    asker = threading.Thread(target=_check, args=(solver, found), name="soter solver", daemon=True)
+    asker.start()
     try:
-        while asking.is_alive():
-            asking.join(LOOK_S)
+        while asker.is_alive():
+            asker.join(LOOK_S)
             raise_if_interrupted()
     except KeyboardInterrupt:
-        while asking.is_alive():
+        while asker.is_alive():
             solver.interrupt()
-            asking.join(LOOK_S)
+            asker.join(LOOK_S)
         raise
-    (answer,) = answers
+    (answer,) = found
     if isinstance(answer, BaseException):
         raise answer
     return answer
 
 
-def _ask(solver: Any, answers: list[Any]) -> None:  # noqa: ANN401 - z3 has no types
+def _check(solver: Any, found: list[Any]) -> None:  # noqa: ANN401 - z3 has no types
     try:
-        answers.append(solver.check())
-    except BaseException as error:  # noqa: BLE001 - the asking thread raises it again
-        answers.append(error)
+        found.append(solver.check())
+    except BaseException as error:  # noqa: BLE001 - the calling thread raises it again
+        found.append(error)

@@ -16,7 +16,7 @@ from soter.api import load
 from soter.api.assurance.certificate_check import OTHER_PROGRAM, CertifiedProof
 from soter.api.assurance.evidence import OTHER_REPORT
 from soter.api.assurance.hazard_traceability import Tracing, _owner_gaps
-from soter.api.assurance.safety_case import _add_context, compiled_as_proved
+from soter.api.assurance.safety_case import _add_assumptions, check_compiled
 from soter.certificate.reading.folder import Certificate
 from soter.certificate.report import RecheckAssumption, RecheckedModule, Report
 from soter.diagnostics.diagnostic import SoterError
@@ -347,7 +347,7 @@ def test_a_dm_that_follows_sc_is_said_not_to_be_tried(tmp_path: Path) -> None:
     """A certificate of a module with `rest` has no tables from which to make its DM."""
     flat, entry = held()
     certificate = Certificate(tmp_path, {}, {}, set())
-    said, why, differs = compiled_as_proved(flat, flat.modules[0], [entry], certificate)
+    said, why, differs = check_compiled(flat, flat.modules[0], [entry], certificate)
     assert (said, differs) == ("", False)
     assert why == "not tried: its predicates are no tables of cells"
 
@@ -417,7 +417,7 @@ def nodes_of(stated: list[tuple[str, str]]) -> list[Any]:
     report = Report(modules=[module], stated=[RecheckAssumption(*s) for s in stated])
     nodes: list[Any] = []
     case: Any = SimpleNamespace(add=lambda node, **_: nodes.append(node))
-    _add_context(case, None, [module], [], report)  # type: ignore[arg-type]
+    _add_assumptions(case, None, [module], [], report)  # type: ignore[arg-type]
     return nodes
 
 

@@ -179,7 +179,7 @@ class Made:
         assert isinstance(self.problem, TubeProblem)
         check = TubeCheck(self.problem)
         check.cut = self.claims.cut
-        return [TubeLevels.of(check, self.claims.ways, rest_entry(check, self.claims))]
+        return [TubeLevels.of_check(check, self.claims.ways, rest_entry(check, self.claims))]
 
 
 def numbers_in(part: Any, at: str = "") -> Iterator[tuple[str, Any]]:
@@ -272,7 +272,7 @@ class Robot:
             return str(tables[0].text)
         (module,) = self.given(made, tables).modules
         shield = module.shield
-        parts = module.symbol.ttf, module.symbol.safer, *(shield.code if shield else ())
+        parts = module.symbol.ttf, module.symbol.safer, *(shield.expressions if shield else ())
         if made.claims is None:
             return repr(parts)
         own = [n for n in nodes(parts) if isinstance(n, Literal)]  # the text has those of functions

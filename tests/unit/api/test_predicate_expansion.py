@@ -134,7 +134,7 @@ def reread(
     assert checked.ok, checked.diagnostics
     assert checked.program is not None
     fun = checked.program.funs["Told"]
-    compiled = Evaluator({}, {}).function(fun)
+    compiled = Evaluator({}, {}).closure_of(fun)
     return lambda values: bool(compiled(Environment(), values))
 
 
@@ -152,7 +152,7 @@ def agree(folder: Path, program: Path, system: System, module: Module) -> int:
         read = {n.topic: n for n in nodes([predicate]) if isinstance(n, TopicRead)}
         topics = {system.topics[module.scope.topics[t]].name: t.type for t in read}
         again = reread(folder, told, topics, program)
-        written = Evaluator.of(module.scope).expression(predicate)
+        written = Evaluator.for_scope(module.scope).compiled(predicate)
         near = [float(d.text) for d in told.constants if re.fullmatch(r"-?[\d.e-]+", d.text)]
         near += [
             n.value for n in nodes([predicate]) if isinstance(n, Literal) and n.type == FloatType()

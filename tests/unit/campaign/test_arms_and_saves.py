@@ -291,7 +291,7 @@ def test_lateness_is_measured_and_told() -> None:
     assert isinstance(lateness, Lateness)
     assert lateness.releases == 10
     assert list(lateness.quantiles_ns) == sorted(lateness.quantiles_ns)
-    assert "busy processes" in lateness.text()
+    assert "busy processes" in lateness.as_text()
 
 
 # ---------------------------------------------------------------- what is written

@@ -14,7 +14,7 @@ from soter import SoterError, load
 from soter.api.assurance.evidence import read_flights, replay_flights
 from soter.campaign import batch_flights
 from soter.campaign.batch_flights import Fleet
-from soter.native.cache import SOTER, computes_names
+from soter.native.cache import SOTER, has_macro_includes
 from soter.native.shared_library import c_texts, library_flags
 
 if TYPE_CHECKING:
@@ -139,7 +139,7 @@ def test_a_header_whose_name_a_macro_makes_is_compiled_anew(tmp_path: Path) -> N
     ],
 )
 def test_what_no_key_is_of(text: str, computes: bool) -> None:
-    assert computes_names([text]) == computes
+    assert has_macro_includes([text]) == computes
 
 
 def test_the_c_of_soter_has_a_key() -> None:
@@ -215,7 +215,7 @@ def test_data_of_a_program_is_part_of_it(tmp_path: Path) -> None:
 
 def test_an_extern_in_c_is_asked_for_by_every_fleet(tmp_path: Path) -> None:
     flat = load(write(tmp_path / "a")).flat("Whole")
-    code = Fleet(flat, 10**9).code()
+    code = Fleet(flat, 10**9).code_fields()
     assert sorted(code["linked"]) == ["body.c", "body.h", "compiler", "gain.h"]
     assert code["unknown"] == ""
 

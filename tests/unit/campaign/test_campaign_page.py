@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter import load
-from soter.campaign.page import Bars, Histogram, campaign_main, make_page
+from soter.campaign.page import Bars, Histogram, make_page, page_body
 from soter.cli.main import main
 from soter.cli.terminal.command_outcome import FINE, VIOLATED
 
@@ -60,7 +60,7 @@ def test_the_command_under_again_flies_the_same_flights(
     walk: tuple[Campaign, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     campaign, path = walk
-    again = commands(campaign_main(make_page(campaign, str(path))))[-2]
+    again = commands(page_body(make_page(campaign, str(path))))[-2]
     assert again[:3] == ["soter", "campaign", str(path)]
     code = main([*again[1:-1], "-o", str(tmp_path / "again")])
     assert code == (VIOLATED if campaign.result.violations else FINE)
@@ -68,7 +68,7 @@ def test_the_command_under_again_flies_the_same_flights(
 
 
 def test_the_command_under_again_has_the_arms_and_the_saves(cart: Campaign) -> None:
-    again = commands(campaign_main(make_page(cart, str(CART))))[-2]
+    again = commands(page_body(make_page(cart, str(CART))))[-2]
     asked = dict(pairwise(again))
     assert (asked["--arms"], asked["--saves"]) == ("ac", "1s")
 
@@ -83,7 +83,7 @@ def test_the_charts_are_the_figures_of_the_flights(cart: Campaign) -> None:
     assert sum(takeovers.bins) == cart.result.flights
     assert isinstance(arms, Bars)
     assert [(name, text) for name, _, text in arms.rows] == [("ours", "0 of 6"), ("ac", "6 of 6")]
-    drawn = campaign_main(make_page(cart, str(CART)))
+    drawn = page_body(make_page(cart, str(CART)))
     assert 'height="14"' in drawn
     assert 'width="476.00"' in drawn  # the arm whose every flight is violated
 
@@ -92,7 +92,7 @@ def test_the_page_names_what_flights_were_judged_by_and_bounds_in_their_units(
     walk: tuple[Campaign, Path],
 ) -> None:
     campaign, path = walk
-    drawn = campaign_main(make_page(campaign, str(path)))
+    drawn = page_body(make_page(campaign, str(path)))
     assert "<code>always abs(car.truth.x) &lt; 0.4</code>" in drawn
     low, high = campaign.result.per_flight
     assert 0.0 < low < high < 1.0
@@ -109,11 +109,11 @@ def test_a_measure_has_the_unit_of_what_it_measures(walk: tuple[Campaign, Path])
     (away,) = page.histograms
     assert away.x_name == "away / m"
     assert re.fullmatch(r"mean \S+ m, least \S+ m, most \S+ m.*", away.caption)
-    assert ">away / m</text>" in campaign_main(page)
+    assert ">away / m</text>" in page_body(page)
 
 
 def test_the_headline_has_the_hours_that_were_flown(cart: Campaign) -> None:
     """A minute was 0.0 h, and four minutes 0.1 h."""
     made = make_page(cart, str(CART))
     assert made.headline.endswith(" in 0.02 h")
-    assert "0.02 h in 6 flights" in campaign_main(made)
+    assert "0.02 h in 6 flights" in page_body(made)

@@ -13,7 +13,7 @@ from json_documents import problems_of
 from soter import SoterError, load
 from soter.campaign.batch_flights import Fleet
 from soter.campaign.result import faults_outside
-from soter.campaign.statistics import FLIGHTS, POISSON, clopper_pearson, garwood
+from soter.campaign.statistics import FLIGHTS, POISSON, clopper_pearson_interval, garwood_interval
 from soter.diagnostics.diagnostic import Severity
 from soter.language.elaborate.derived_systems import without_outside_faults
 from soter.language.front_end import check_file, system_of
@@ -135,8 +135,8 @@ def test_copies_of_one_flight_are_one(
     campaign = flown(SAME, FAR)
     r = campaign.result
     assert (r.flights, r.distinct) == (60, 1)
-    assert r.per_hour == pytest.approx(garwood(0, 2 / 3600))
-    assert r.per_flight == clopper_pearson(0, 1)
+    assert r.per_hour == pytest.approx(garwood_interval(0, 2 / 3600))
+    assert r.per_flight == clopper_pearson_interval(0, 1)
     (warning,) = campaign.diagnostics
     assert (warning.code, warning.severity) == ("C007", Severity.WARNING)
     assert "60 flights are copies of one" in warning.message
@@ -156,7 +156,7 @@ def test_flights_that_differ_are_all_counted(flown: Callable[..., Campaign]) -> 
     campaign = flown(CHANCE, FAR)
     assert campaign.result.distinct == 60
     assert campaign.diagnostics == ()
-    assert campaign.result.per_hour == garwood(0, 120 / 3600)
+    assert campaign.result.per_hour == garwood_interval(0, 120 / 3600)
 
 
 def test_flights_that_end_alike_are_no_copies(tmp_path: Path) -> None:
@@ -183,7 +183,7 @@ def test_a_bound_is_over_the_hours_of_the_headline(
     r = flown(CHANCE, FAR + ALOFT).result
     assert r.hours_aloft is not None
     assert 0.0 < r.hours_aloft < r.hours
-    assert r.per_hour == pytest.approx(garwood(0, r.hours_aloft))
+    assert r.per_hour == pytest.approx(garwood_interval(0, r.hours_aloft))
     asked = ["campaign", str(tmp_path / "walk.soter"), "--flights", "60", "-o", str(tmp_path / "c")]
     main(asked)
     said = capsys.readouterr().out
@@ -192,7 +192,9 @@ def test_a_bound_is_over_the_hours_of_the_headline(
     document = json.loads(capsys.readouterr().out)
     assert problems_of(document) == []
     assert document["hours_of"] == "aloft"
-    assert document["violations_per_hour"][1] == pytest.approx(garwood(0, document["hours"])[1])
+    assert document["violations_per_hour"][1] == pytest.approx(
+        garwood_interval(0, document["hours"])[1]
+    )
     page = (tmp_path / "c" / "report.html").read_text()
     assert f"less than {r.per_hour[1]:.3g} violations an hour aloft" in page
 
@@ -209,7 +211,7 @@ def test_episodes_that_do_not_scatter_are_bounded_by_flight(tmp_path: Path) -> N
     (module,) = campaign.result.modules
     assert (module.episodes, module.basis) == (200, FLIGHTS)
     low, high = module.per_hour
-    assert 110 < low < 120 < garwood(200, campaign.result.hours)[1] < high
+    assert 110 < low < 120 < garwood_interval(200, campaign.result.hours)[1] < high
 
 
 def test_violations_that_scatter_as_poisson_keep_their_exact_interval(tmp_path: Path) -> None:
@@ -218,7 +220,7 @@ def test_violations_that_scatter_as_poisson_keep_their_exact_interval(tmp_path: 
     r = load(path).campaign("Protected", flights=60, until="20s", output=tmp_path / "c").result
     assert 0 < r.flights_violated < 60
     assert r.per_hour_basis == POISSON
-    assert r.per_hour == pytest.approx(garwood(r.violations, r.hours))
+    assert r.per_hour == pytest.approx(garwood_interval(r.violations, r.hours))
 
 
 # ---------------------------------------------------------------- excuses
@@ -320,16 +322,19 @@ def test_a_measure_without_numbers_tells_nothing(
     assert document["violations_per_hour"] == [0.0, None]
     assert main(asked) == 0
     said = capsys.readouterr().out
-    assert f"less than {100 * clopper_pearson(0, 5)[1]:.3g} % of the flights are violated" in said
+    assert (
+        f"less than {100 * clopper_pearson_interval(0, 5)[1]:.3g} % of the flights are violated"
+        in said
+    )
     assert "nan km" not in said
 
 
 def test_flights_that_are_violated_at_once_are_bounded(flown: Callable[..., Campaign]) -> None:
     r = flown(CHANCE, "always car.truth.x > 5.0;", flights=12).result
     assert (r.violations, r.flights_violated, r.violated_inside) == (12, 12, 12)
-    assert r.per_flight == pytest.approx(clopper_pearson(12, 12))
+    assert r.per_flight == pytest.approx(clopper_pearson_interval(12, 12))
     one = flown(CHANCE, "always car.truth.x > 5.0;", flights=1).result  # of the same folder
-    assert one.per_flight == pytest.approx(clopper_pearson(1, 1))
+    assert one.per_flight == pytest.approx(clopper_pearson_interval(1, 1))
     assert one.per_hour_basis == FLIGHTS
     assert one.per_hour[0] < 1800 < one.per_hour[1]
 

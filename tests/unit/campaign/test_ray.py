@@ -17,7 +17,7 @@ import processes
 from soter import SoterError, load
 from soter.campaign import fly_campaign
 from soter.campaign.batch_flights import Fleet, Flyer
-from soter.campaign.fly_campaign import TRIES, WorkerReply, fly_batch, own_digest
+from soter.campaign.fly_campaign import TRIES, WorkerReply, fly_batch, soter_digest
 from soter.campaign.recipe import unpack_recipe
 from soter.diagnostics.diagnostic import Diagnostic
 from soter.language.front_end import check_file, system_of
@@ -217,7 +217,7 @@ def test_what_a_task_raises_is_said_and_not_tried_again(
 
 
 def test_a_worker_with_another_soter_does_not_fly() -> None:
-    told = fly_batch("key", b"", own_digest()[:-1] + "?", [0], 1)
+    told = fly_batch("key", b"", soter_digest()[:-1] + "?", [0], 1)
     assert (told.flights, [d.code for d in told.wrong]) == ([], ["D018"])
     assert "another Soter" in told.wrong[0].message
 

@@ -124,7 +124,7 @@ def test_every_event_is_that_of_flights_that_remember_nothing(
     whole: System, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     flights = Fleet(whole, 20 * SECOND).fly(range(40), first_seed=1)
-    monkeypatch.setattr(compiled_unit, "_dear_calls", lambda _: frozenset())
+    monkeypatch.setattr(compiled_unit, "_expensive_functions", lambda _: frozenset())
     monkeypatch.setattr(
         compiled_unit.MeasuredUnitBuilder, "property_function", UnitBuilder.property_function
     )

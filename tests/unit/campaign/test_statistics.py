@@ -12,8 +12,8 @@ from soter.campaign.statistics import (
     FLIGHTS,
     POISSON,
     RateInterval,
-    clopper_pearson,
-    garwood,
+    clopper_pearson_interval,
+    garwood_interval,
     rate_interval,
 )
 from work import work_of
@@ -24,7 +24,7 @@ CALLS_MAX = 20_000
 
 @pytest.mark.parametrize("count", [1, 2, 5, 34, 700])
 def test_a_rate_is_that_of_garwood(count: int) -> None:
-    low, high = garwood(count, 2.0)
+    low, high = garwood_interval(count, 2.0)
     # P(X >= count | low) = P(X <= count | high) = 2.5 %
     assert float(mpmath.gammainc(count, 0, 2 * low, regularized=True)) == pytest.approx(0.025)
     assert float(mpmath.gammainc(count + 1, 2 * high, regularized=True)) == pytest.approx(0.025)
@@ -32,26 +32,26 @@ def test_a_rate_is_that_of_garwood(count: int) -> None:
 
 @pytest.mark.parametrize(("count", "of"), [(1, 2), (3, 10), (34, 800), (799, 800)])
 def test_a_share_is_that_of_clopper_and_pearson(count: int, of: int) -> None:
-    low, high = clopper_pearson(count, of)
+    low, high = clopper_pearson_interval(count, of)
     below = mpmath.betainc(count, of - count + 1, 0, low, regularized=True)
     above = mpmath.betainc(count + 1, of - count, high, 1, regularized=True)
     assert (float(below), float(above)) == pytest.approx((0.025, 0.025))
 
 
 def test_nothing_in_104_hours_is_a_bound() -> None:
-    assert garwood(0, 104.0)[1] == pytest.approx(-log(0.05) / 104.0)
-    assert clopper_pearson(0, 1000)[1] == pytest.approx(1.0 - 0.05 ** (1 / 1000))
-    assert clopper_pearson(1000, 1000)[0] == pytest.approx(0.05 ** (1 / 1000))
+    assert garwood_interval(0, 104.0)[1] == pytest.approx(-log(0.05) / 104.0)
+    assert clopper_pearson_interval(0, 1000)[1] == pytest.approx(1.0 - 0.05 ** (1 / 1000))
+    assert clopper_pearson_interval(1000, 1000)[0] == pytest.approx(0.05 ** (1 / 1000))
 
 
 def test_of_nothing_nothing_is_known() -> None:
-    assert garwood(0, 0.0) == (0.0, inf)
-    assert clopper_pearson(0, 0) == (0.0, 1.0)
+    assert garwood_interval(0, 0.0) == (0.0, inf)
+    assert clopper_pearson_interval(0, 0) == (0.0, 1.0)
 
 
 @pytest.mark.parametrize("count", [50_000, 400_000])
 def test_many_events_are_as_exact_and_take_no_more_work(count: int) -> None:
-    (low, high), calls = work_of(lambda: garwood(count, 2.0))
+    (low, high), calls = work_of(lambda: garwood_interval(count, 2.0))
     below = mpmath.gammainc(count, 0, 2 * low, regularized=True)
     above = mpmath.gammainc(count + 1, 2 * high, regularized=True)
     assert (float(below), float(above)) == pytest.approx((0.025, 0.025), rel=1e-5)
@@ -60,7 +60,7 @@ def test_many_events_are_as_exact_and_take_no_more_work(count: int) -> None:
 
 @pytest.mark.parametrize(("count", "of"), [(25_000, 50_000), (1, 1_000_000), (999_990, 1_000_000)])
 def test_a_share_of_many_is_as_exact_and_takes_no_more_work(count: int, of: int) -> None:
-    (low, high), calls = work_of(lambda: clopper_pearson(count, of))
+    (low, high), calls = work_of(lambda: clopper_pearson_interval(count, of))
     with mpmath.workdps(30):
         below = _binomial_from(count, of, mpmath.mpf(low))
         above = 1 - _binomial_from(count + 1, of, mpmath.mpf(high))
@@ -96,7 +96,7 @@ def test_what_scatters_as_poisson_does_is_called_so() -> None:
     rng = np.random.default_rng(1)
     counts, hours = rng.poisson(4.0, 500).tolist(), [0.1] * 500
     interval = rate_interval(counts, hours, most=100)
-    assert interval == RateInterval(*garwood(sum(counts), 50.0), POISSON)
+    assert interval == RateInterval(*garwood_interval(sum(counts), 50.0), POISSON)
 
 
 @pytest.mark.parametrize(
@@ -132,7 +132,7 @@ def test_what_comes_like_clockwork_is_bounded_closely() -> None:
     interval = rate_interval([40, 41, 40, 39] * 300, [1.0] * 1200, most=301)
     assert 39.5 < interval.low < 40.0 < interval.high < 42.0
     bursts = rate_interval([0] * 990 + [30] * 10, [1.0] * 1000, most=301)
-    exact = garwood(300, 1000.0)
+    exact = garwood_interval(300, 1000.0)
     assert bursts.low < exact[0] < exact[1] < bursts.high
 
 
@@ -148,7 +148,7 @@ def test_bounds_by_flight_hold_as_often_as_they_say() -> None:
 
 def test_copies_of_a_flight_widen_a_bound_and_never_narrow_it() -> None:
     clean = rate_interval([0] * 3600, [1 / 120] * 3600, most=9, kinds=["a"] * 3600)
-    assert clean.high == pytest.approx(garwood(0, 1 / 120)[1])
+    assert clean.high == pytest.approx(garwood_interval(0, 1 / 120)[1])
     often = rate_interval(
         [1] * 900 + [0] * 7, [1.0] * 907, most=9, kinds=["a"] * 900 + list("bcdefgh")
     )

@@ -49,7 +49,9 @@ class Walk:
 
     def __init__(self, check: ChainCheck, cell: tuple[int, ...]) -> None:
         self.chain, self.n = check.compiled_chain(1), len(check.group.states)
-        self.form = form_of_box(check.group.grid.box(tuple((i, i + 1) for i in cell)), symbols=True)
+        self.form = form_of_box(
+            check.group.grid.box_of(tuple((i, i + 1) for i in cell)), symbols=True
+        )
         self.steps: list[Any] = []
 
     def step(self, k: int) -> Any:
@@ -171,7 +173,7 @@ def prove(facts: Facts, shape: tuple[tuple[int, ...], ...], holds_max: int = 40)
     }
     sets: dict[str, bytes] = {}
     groups_of = [tuple(range(len(facts.states)))]
-    for k, values in enumerate(facts.cases()):
+    for k, values in enumerate(facts.parameter_combinations()):
         model = CaseModel(facts, values, extents)
         grid = Grid(tuple(even_edges(*extents[i], n) for i, n in enumerate(shape[0])))
         none = np.zeros(grid.shape, dtype=np.uint8)
@@ -184,7 +186,7 @@ def prove(facts: Facts, shape: tuple[tuple[int, ...], ...], holds_max: int = 40)
         phase = FreeCheck(model, group, facts.times["H_ns"])
         free = np.zeros(grid.shape, dtype=np.bool_)
         for cell in np.ndindex(grid.shape):
-            box = grid.box(tuple((i, i + 1) for i in cell))
+            box = grid.box_of(tuple((i, i + 1) for i in cell))
             free[cell] = bool(core[cell]) and phase.stays_in(box, cells, 4)
         assert facts.symbol.safer is not None
         calm = certain_cells(model, [group], facts.symbol.safer, errors=True)[0]

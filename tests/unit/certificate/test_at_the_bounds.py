@@ -29,7 +29,7 @@ from soter.certificate.terms.linear_enclosures import (
     lower,
     upper,
 )
-from soter.certificate.terms.straight_line import growth
+from soter.certificate.terms.straight_line import growth_bound
 from soter.certificate.terms.terms import Terms
 from tables import all_rows
 from unit.certificate.grid_tables import grid_beyond
@@ -101,7 +101,7 @@ def test_of_a_line_and_a_range_that_are_as_wide_the_line_is_kept() -> None:
 
 def test_growth_at_a_rate_that_is_a_ball_is_that_of_the_greatest() -> None:
     for own, most in ((arb(2, 0.5), 2.5), (arb(-2, 0.5), -1.5)):
-        assert growth(own, exact(1.0)) >= math.expm1(most) / most
+        assert growth_bound(own, exact(1.0)) >= math.expm1(most) / most
 
 
 @pytest.mark.parametrize("rate", [-2.0, 0.5, 2.0])
@@ -110,7 +110,7 @@ def test_noise_adds_what_the_flow_makes_of_it_in_that_direction(
     rate: float, start: int, end: int
 ) -> None:
     enclosure: Any = SimpleNamespace(a=[[exact(rate)]], b=[[exact(3.0)]], noise=[exact(1.0)])
-    of: Any = LocalFlow.noise
+    of: Any = LocalFlow.noise_bounds
     (bound,) = of(None, enclosure, Fraction(start), Fraction(end), [exact(0.5)])
     most = max(abs(math.expm1(rate * t) / rate) for t in (start, end)) * 2.5
     assert abs(float(bound.upper()) - most) < 1e-9 * most

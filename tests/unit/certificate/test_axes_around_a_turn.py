@@ -21,9 +21,9 @@ from soter.api import recheck
 from soter.certificate.cell_sets import Cells, Grid
 from soter.certificate.extras.left_out_states import (
     SEAM,
+    interval_turned_back,
     read_turning,
     refuse_turns_read,
-    turn_back,
 )
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.report import NotRecheckedError, RejectedError
@@ -204,14 +204,16 @@ def test_what_is_brought_back_by_whole_turns_holds_what_there_was(low: float) ->
     for _ in range(300):
         start = float(chance.uniform(-(2**13), 2**13) * chance.choice([1e-3, 1.0]))
         width = float(chance.choice([0.0, 0.3, 2.9, 7.0]))
-        first, last = turn_back(edges, start, start + width)
+        first, last = interval_turned_back(edges, start, start + width)
         assert edges[0] - 1e-9 <= first <= edges[-1]
         assert last <= edges[-1] + math.pi
         for x in (start, start + width):
             turns = Fraction(x) // EXACT_TURN
             places = [Fraction(x) - (turns + k) * EXACT_TURN for k in range(-3, 4)]
             assert any(Fraction(first) <= p <= Fraction(last) for p in places)
-    assert turn_back(edges, 2.0**15, 2.0**15) == (2.0**15, 2.0**15), "nothing is known there"
+    assert interval_turned_back(edges, 2.0**15, 2.0**15) == (2.0**15, 2.0**15), (
+        "nothing is known there"
+    )
 
 
 @pytest.mark.parametrize("start", ["{h} + 6.0 * PI", "in [{h} - 0.1 - 80.0 * PI, {h} - 80.0 * PI]"])

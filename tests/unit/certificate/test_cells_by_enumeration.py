@@ -21,7 +21,7 @@ from soter.certificate.cell_sets import (
     holds_in_parts,
     smallest_block,
 )
-from soter.certificate.extras.left_out_states import WIDER, beyond_ends, has_no_ends
+from soter.certificate.extras.left_out_states import WIDER, has_no_ends, intervals_beyond
 from soter.certificate.reading.case_model import FARTHEST
 from soter.certificate.terms.linear_enclosures import exact
 from tables import all_rows
@@ -115,7 +115,7 @@ def test_which_axes_have_no_ends_and_how_many_cells() -> None:
     assert [has_no_ends(mixed, k) for k in (0, 1)] == [False, True]
     assert PLANE.shape == (3, 2)
     assert PLANE.all_cells == ((0, 3), (0, 2))
-    box = PLANE.box(((1, 3), (0, 1)))
+    box = PLANE.box_of(((1, 3), (0, 1)))
     assert [(float(a), float(b)) for a, b in box] == [(1.0, 6.0), (-1.0, 0.0)]
     assert PLANE.block_in_words(((1, 3), (0, 1))) == "[1, 6] x [-1, 0]"
 
@@ -168,10 +168,10 @@ def test_runs_beyond_an_end_are_followed_while_they_stay_in_the_last_cell() -> N
 def test_what_lies_beyond_is_covered_without_gaps(edges: tuple[float, ...]) -> None:
     grid = grid_beyond((edges, EDGES), (True, False))
     width = edges[-1] - edges[0]
-    up = beyond_ends(edges, low=False, high=True)
-    down = beyond_ends(edges, low=True, high=False)
-    assert beyond_ends(edges, low=False, high=False) == []
-    assert len(beyond_ends(edges, low=True, high=True)) == len(up) + len(down)
+    up = intervals_beyond(edges, low=False, high=True)
+    down = intervals_beyond(edges, low=True, high=False)
+    assert intervals_beyond(edges, low=False, high=False) == []
+    assert len(intervals_beyond(edges, low=True, high=True)) == len(up) + len(down)
     for intervals in (up, [(-b, -a) for a, b in down]):
         end = edges[-1] if intervals is up else -edges[0]
         assert intervals[0][0] == end
@@ -191,10 +191,10 @@ def test_what_lies_beyond_is_covered_without_gaps(edges: tuple[float, ...]) -> N
                 len(up) if block[0][1] == shape[0] else 0
             )
             assert len(boxes) == 1 + (more if reads[0] else 0)
-            assert boxes[0] == grid.box(block)
+            assert boxes[0] == grid.box_of(block)
             assert all(box[1] == boxes[0][1] for box in boxes)
     ended = Grid(grid.edges)
-    assert ended.boxes_covering(ended.all_cells, (True, True)) == [ended.box(ended.all_cells)]
+    assert ended.boxes_covering(ended.all_cells, (True, True)) == [ended.box_of(ended.all_cells)]
 
 
 # ---------------------------------------------------------------- sets

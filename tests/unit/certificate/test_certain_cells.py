@@ -12,7 +12,7 @@ from soter.certificate import cell_predicates
 from soter.certificate.cell_predicates import HOLDS, Decision
 from soter.certificate.cell_sets import Grid
 from soter.certificate.terms.linear_enclosures import exact
-from soter.certificate.terms.terms import Linear, Proposition, Terms, both, either, negation
+from soter.certificate.terms.terms import Linear, Proposition, Terms, and_of, negation, or_of
 from unit.certificate.grid_tables import grid_beyond
 from unit.certificate.small_proofs import even_edges
 
@@ -30,7 +30,7 @@ def _stops(terms: Terms, x: Linear, v: Linear, e: Linear) -> Proposition:
         [(exact(1.0), far), (exact(1.0) / 6, square), (exact(1.0), e)], exact(-1.5)
     )
     slow = terms.combine([(exact(1.0), terms.apply_function("abs", v))], exact(-2.0))
-    return both(terms.below_zero(room), terms.below_zero(slow, strict=False))
+    return and_of(terms.below_zero(room), terms.below_zero(slow, strict=False))
 
 
 def _beside(terms: Terms, x: Linear, v: Linear, e: Linear) -> Proposition:
@@ -38,9 +38,9 @@ def _beside(terms: Terms, x: Linear, v: Linear, e: Linear) -> Proposition:
     gap = terms.combine([(exact(-1.0), x), (exact(-1.0), e)], exact(1.0))
     product = terms.subtract(v, terms.multiply(x, v))
     least = terms.combine([(exact(1.0), terms.minimum(x, v))], exact(1.25))
-    return either(
+    return or_of(
         terms.below_zero(gap),
-        either(negation(terms.below_zero(product)), terms.below_zero(least, strict=False)),
+        or_of(negation(terms.below_zero(product)), terms.below_zero(least, strict=False)),
     )
 
 
@@ -49,7 +49,7 @@ def _edges(terms: Terms, x: Linear, v: Linear, e: Linear) -> Proposition:
     del e
     right = terms.combine([(exact(1.0), x)], exact(-0.5))
     low = terms.combine([(exact(-1.0), v)], exact(-1.5))
-    return either(terms.below_zero(right, strict=False), terms.below_zero(low, strict=False))
+    return or_of(terms.below_zero(right, strict=False), terms.below_zero(low, strict=False))
 
 
 def _root(terms: Terms, x: Linear, v: Linear, e: Linear) -> Proposition:
@@ -106,7 +106,7 @@ def test_cells_that_touch_a_bound_belong_to_it() -> None:
     x, y = (terms.add_input("state", n, exact(-2.0), exact(2.0)) for n in "xy")
     near = terms.combine([(exact(1.0), terms.apply_function("abs", x))], exact(-1.0))
     left = terms.combine([(exact(1.0), x), (exact(-1.0), y)])
-    truth = either(terms.below_zero(near, strict=False), terms.below_zero(left, strict=False))
+    truth = or_of(terms.below_zero(near, strict=False), terms.below_zero(left, strict=False))
     model: Any = SimpleNamespace(extents=((-2.0, 2.0), (-2.0, 2.0)))
     decision = Decision(model, (0, 1), terms, [s.atom for s in (x, y)], truth)
     grid = Grid((edges, edges))

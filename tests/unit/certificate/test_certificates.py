@@ -16,7 +16,7 @@ from long_tests import examples, seeds
 from soter.api import recheck
 from soter.certificate.case_check import CLAIMS
 from soter.certificate.cell_sets import Grid
-from soter.certificate.extras.estimates_and_shield import read_tops
+from soter.certificate.extras.estimates_and_shield import read_shield_table
 from soter.certificate.grid.group_claims import GroupTables
 from soter.certificate.reading.folder import FORMAT
 from soter.certificate.report import RejectedError
@@ -199,10 +199,10 @@ def test_what_nothing_reads_is_rejected(copied: Path, name: str) -> None:
 
 def test_a_shield_names_no_greatest_cell_below_the_least() -> None:
     group = GroupTables((0,), Grid(((0.0, 1.0),)), np.ones(1, np.uint8))
-    assert read_tops(bytes([3, 0, 3, 4]), group, 4).tolist() == [[3, 0, 3, 4]]
+    assert read_shield_table(bytes([3, 0, 3, 4]), group, 4).tolist() == [[3, 0, 3, 4]]
     for wrong in ([3, 1, 3, 4], [3, 0, 2, 4], [3, 0, 3, 3]):
         with pytest.raises(RejectedError, match="below the least one"):
-            read_tops(bytes(wrong), group, 4)
+            read_shield_table(bytes(wrong), group, 4)
 
 
 # ---------------------------------------------------------------- the manifest

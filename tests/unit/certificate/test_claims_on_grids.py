@@ -170,23 +170,23 @@ def test_levels_begin_in_r_and_lie_in_each_other(monkeypatch: pytest.MonkeyPatch
         ([good[0], bools(1, 1, 1, 1)], "S_1 is no part of S_0", 0),
     ):
         check = check_of(tables([1] * 4, free=free_, levels=levels))
-        assert said in fails(lambda check=check: check.levels_tasks(5))  # type: ignore[misc]
+        assert said in fails(lambda check=check: check.tasks_for_levels(5))  # type: ignore[misc]
         if not said:
-            assert len(list(check.levels_tasks(5))) == tasks
+            assert len(list(check.tasks_for_levels(5))) == tasks
     three = [*good, bools(0, 1, 0, 0)]
     check = check_of(tables([1] * 4, free=free_, levels=three), levels=4)
-    assert len(list(check.levels_tasks(5))) == 3
+    assert len(list(check.tasks_for_levels(5))) == 3
     three[2] = bools(1, 0, 0, 0)
-    assert "S_2 is no part of S_1" in fails(lambda: check.levels_tasks(5))
+    assert "S_2 is no part of S_1" in fails(lambda: check.tasks_for_levels(5))
     # what nothing leaves need not be shown to stay
     whole = [bools(1, 1, 1, 1), bools(0, 1, 0, 0)]
     for kept, tasks in ((True, 1), (False, 2)):
         check = check_of(tables([1] * 4, free=free_, levels=whole), kept=kept)
-        assert len(list(check.levels_tasks(5))) == tasks
+        assert len(list(check.tasks_for_levels(5))) == tasks
     shown = [("of commands", lambda _: iter(()))] * 2
     monkeypatch.setattr(estimates_and_shield, "shield_inclusions", lambda *_: shown)
     check = check_of(tables([1] * 4, free=free_, levels=good), symbol=SimpleNamespace(shield=1))
-    assert len(list(check.levels_tasks(5))) == 4
+    assert len(list(check.tasks_for_levels(5))) == 4
 
 
 def test_each_level_is_shown_from_the_one_before(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -203,7 +203,7 @@ def test_each_level_is_shown_from_the_one_before(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(estimates_and_shield, "estimates_of_states_outside", noted)
     monkeypatch.setattr(estimates_and_shield, "estimates_driven_out", noted)
     check = check_of(group, levels=4)
-    assert [task() for task, _ in check.levels_tasks(7)] == [""] * 3
+    assert [task() for task, _ in check.tasks_for_levels(7)] == [""] * 3
     first, *others = shown
     assert first[:2] == (check.model, group)
     assert first[2] is levels[0]

@@ -20,7 +20,7 @@ from soter.certificate.grid.flow_enclosures import (
     largest_row_sum,
     round_outwards,
 )
-from soter.certificate.reading.linear_flows import LinearFlow, integrals
+from soter.certificate.reading.linear_flows import LinearFlow, exp_integrals
 from soter.certificate.terms.compile_terms import compile_lines
 from soter.certificate.terms.linear_enclosures import ONE, ZERO, exact
 from soter.certificate.terms.straight_line import Builder, NotCertainError
@@ -107,7 +107,7 @@ def test_a_flow_is_asked_where_it_is_defined_alone() -> None:
                 lines = flow.derivative_rows(balls([first, second]), command)
                 low, high = second
                 rates = [(low, high), (1 - 2 * high - 3, 1 - 2 * low + 3)]
-                assert floats(flow.rates(lines)) == rates
+                assert floats(flow.rate_ranges(lines)) == rates
             else:
                 with pytest.raises(NotCertainError):
                     flow.derivative_rows(balls([first, second]), command)
@@ -151,12 +151,14 @@ def test_what_is_around_a_box_holds_what_its_own_rates_make_of_it(
         command = [(-1.0, float(draw.uniform(-1, 1)))]
         found = flow.enclose(balls(box), balls(command), *span)
         lines = flow.derivative_rows(found.box, balls(command))
-        own = flow._box_during_span(balls(box), flow.rates(lines), exact(span[0]), exact(span[1]))
+        own = flow._box_during_span(
+            balls(box), flow.rate_ranges(lines), exact(span[0]), exact(span[1])
+        )
         for (a, b), (c, d), (e, f) in zip(found.box, own, box, strict=True):
             assert a <= c <= e
             assert f <= d <= b
             assert float(b - a) - (f - e) < 1.35 * (float(d - c) - (f - e)) + 1e-9
-        for (least, most), (p, q) in zip(found.rates, flow.rates(lines), strict=True):
+        for (least, most), (p, q) in zip(found.rates, flow.rate_ranges(lines), strict=True):
             assert least <= p
             assert q <= most
 
@@ -200,7 +202,7 @@ def test_a_linear_model_is_that_of_the_rows_and_stands_where_nothing_moves() -> 
     other = found.others[1]
     assert float(other.lower()) == pytest.approx(-2.0)
     assert float(other.upper()) == pytest.approx(2.5)
-    for rates in ([(ZERO, ONE)], [(-ONE, ZERO)], [(ZERO, Builder().input(0))]):
+    for rates in ([(ZERO, ONE)], [(-ONE, ZERO)], [(ZERO, Builder().input_at(0))]):
         assert not Enclosure([], [], [], [], [], rates, []).has_zero_rate(0)
     lines = [exact(x) for x in (1.0, 2.0, 3.0, 0.5, 0.25, 0.0, 0.0, *[1.0] * 5, -1.0, 0.0)]
     made = flow.enclosure_by_rows(box, command, lines)
@@ -241,9 +243,9 @@ def test_where_states_are_in_the_end_is_known_twice() -> None:
 def test_into_how_many_steps_a_span_is_cut(rate: float, span: float, count: int) -> None:
     flow = local(lambda terms, x, _, u: [terms.combine(((exact(rate), x),)), u])
     flow.grid = balls([(-4.0, 4.0), (-2.0, 6.0)])
-    assert flow.least_steps(Fraction(span)) in (count, count + (rate == 2.4))
+    assert flow.least_step_count(Fraction(span)) in (count, count + (rate == 2.4))
     flow.grid = balls([(-4.0, 9.0), (-2.0, 6.0)])
-    assert flow.least_steps(Fraction(span)) == 2
+    assert flow.least_step_count(Fraction(span)) == 2
 
 
 def test_outwards_is_without_a_radius_and_holds_both_ends() -> None:
@@ -289,7 +291,7 @@ def test_integrals_of_exponentials(a: Any) -> None:
     theta = max(sum(map(abs, row)) for row in a)
     for time in (Fraction(1, 16), Fraction(1, 4), Fraction(1)):
         whole = integral_at(a, float(time))
-        for i, row in enumerate(integrals(enclosure.a, time, time)):
+        for i, row in enumerate(exp_integrals(enclosure.a, time, time)):
             for x, wanted in zip(row, whole[i], strict=True):
                 assert not abs(x - exact(float(wanted))) > 1e-12
                 assert float(x.rad()) < 1e-30
@@ -305,7 +307,7 @@ def test_integrals_of_exponentials(a: Any) -> None:
                 assert float(got.rad()) < 1e-2
     for start, end in ((0, 1), (-1, 0), (-1, 2), (1, 2), (-2, -1)):
         span = Fraction(start, 20), Fraction(end, 20)
-        got = flow.integral(enclosure, *span)
+        got = flow.exp_integral(enclosure, *span)
         far = max(map(abs, span))
         for t in np.linspace(float(span[0]), float(span[1]), 9):
             wanted = integral_at(a, float(t))
@@ -335,9 +337,9 @@ def test_noise_is_what_the_greatest_rates_make_of_it(a: Any, start: int, end: in
     for i in range(2):
         major[i, i] = a[i][i] if start >= 0 else -a[i][i] if end <= 0 else abs(a[i][i])
     wanted = integral_at(major, max(abs(start), end) / 8) @ sizes
-    got = flow.noise(enclosure, *span, [exact(0.75)])
+    got = flow.noise_bounds(enclosure, *span, [exact(0.75)])
     assert [float(x.mid()) for x in got] == pytest.approx(list(wanted), rel=1e-9, abs=1e-12)
-    plain = flow.noise(enclosure, *span, [])
+    plain = flow.noise_bounds(enclosure, *span, [])
     without = integral_at(major, max(abs(start), end) / 8) @ [0.5, 0.25]
     assert [float(x.mid()) for x in plain] == pytest.approx(list(without), rel=1e-9, abs=1e-12)
 
@@ -361,7 +363,7 @@ def test_a_linear_flow_has_the_controls_that_it_feels() -> None:
     assert flow.moves == [1]
     assert floats(flow.ranges) == [(-1.0, 3.0)]
     assert [float(x) for x in flow.disturbed] == [0.25, 0.0]
-    assert flow.least_steps(Fraction(5)) == 1
+    assert flow.least_step_count(Fraction(5)) == 1
     assert (SolvedFlow.apart, LocalFlow.apart) == (True, False)
     law = flow.solution_over(None, Fraction(1, 2))  # type: ignore[arg-type]
     decay = math.exp(-0.5)
@@ -397,7 +399,7 @@ def test_a_linear_flow_is_around_its_solutions_and_little_else(start: int, end: 
     rate = found.rates[0][0]
     assert float(rate.lower()) == pytest.approx(-high - 1.75, abs=1e-6)
     assert float(rate.upper()) == pytest.approx(-low + 4.75, abs=1e-6)
-    (noise, still) = flow.noise(None, *span, [exact(1.5)])
+    (noise, still) = flow.noise_bounds(None, *span, [exact(1.5)])
     far = [abs(1 - math.exp(-float(t))) for t in span]
     assert float(noise) == pytest.approx(max(far) * (0.25 + 2 * 1.5), rel=0.05)
     assert float(noise) >= max(far) * 3.25 - 1e-9

@@ -163,7 +163,7 @@ def test_a_form_is_opened_and_closed_with_all_that_is_in_it(q: int, depth: int) 
 @all_rows("felt", [True, False])
 def test_how_many_commands_a_form_carries(d: int, early: int, late: int, felt: bool) -> None:
     flow: Any = SimpleNamespace(
-        moves=[0] if felt else [], least_steps=lambda _: 1, ranges=[], apart=True
+        moves=[0] if felt else [], least_step_count=lambda _: 1, ranges=[], apart=True
     )
     given = Times(Fraction(10), Fraction(d), Fraction(early), Fraction(late))
     chain = FlowChain(MODEL, (0, 1), flow, given)
@@ -176,7 +176,7 @@ def test_how_many_commands_a_form_carries(d: int, early: int, late: int, felt: b
     early_, span = (early, early + late) if felt else (0, 0)
     for apart, count, fresh in itertools.product((True, False), (1, 3), (True, False)):
         flow.apart = apart
-        spans = chain.steps(count, fresh=fresh)
+        spans = chain.spans(count, fresh=fresh)
         whole = 10 - early_ if fresh else 10
         handed = 0 if fresh else span
         assert sum(length for length, _ in spans) == whole
@@ -191,7 +191,7 @@ def test_how_many_commands_a_form_carries(d: int, early: int, late: int, felt: b
 
 
 def test_a_form_carries_so_many_commands_and_no_more() -> None:
-    flow: Any = SimpleNamespace(moves=[0], least_steps=lambda _: 1, ranges=[])
+    flow: Any = SimpleNamespace(moves=[0], least_step_count=lambda _: 1, ranges=[])
     for over, fine in ((0, True), (1, False)):
         given = Times(Fraction(1), Fraction(DEPTH_MAX) + Fraction(over, 10))
         if fine:

@@ -32,14 +32,14 @@ def test_what_a_group_says_of_itself() -> None:
     told = RecheckedModule("M", {}, cells=5)
     group.add_size_to(told)
     assert told.cells == 9
-    assert group.why_ac_never == ""
+    assert group.why_never_ac == ""
     group.tables.given_back = bools(0, 0, 0, 0)
-    assert "on no estimate" in group.why_ac_never
+    assert "on no estimate" in group.why_never_ac
     group.tables.given_back = bools(0, 1, 0, 0)
-    assert group.why_ac_never == ""
+    assert group.why_never_ac == ""
     for members, said in ((bools(0, 0, 0, 0), True), (bools(0, 1, 0, 0), False)):
         group.tables.levels = [members, bools(0, 0, 0, 0)]
-        assert ("in control on no estimate" in group.why_ac_never) is said
+        assert ("in control on no estimate" in group.why_never_ac) is said
     draws = group.random_points(np.random.default_rng(1))
     points = [next(draws)[0] for _ in range(200)]
     assert all(0 <= x < 1 or 2 <= x < 3 for x in points)
@@ -140,7 +140,9 @@ def test_a_table_of_the_dm_is_that_of_all_cases() -> None:
 
 def test_what_is_of_a_shield_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(estimates_and_shield, "command_cells", lambda _: 2)
-    monkeypatch.setattr(estimates_and_shield, "read_tops", lambda data, group, n: (data, group, n))
+    monkeypatch.setattr(
+        estimates_and_shield, "read_shield_table", lambda data, group, n: (data, group, n)
+    )
     facts: Any = SimpleNamespace(controls=[SimpleNamespace(name=n) for n in ("push", "pull")])
     given: Any = SimpleNamespace(table_bytes=lambda path: path)
     for name, index in (("push", 0), ("pull", 1), (None, None)):
@@ -161,8 +163,8 @@ def test_what_may_hold_outside_r_is_told(monkeypatch: pytest.MonkeyPatch) -> Non
         monkeypatch.setattr(
             handovers, "cells_wrongly_admitted", lambda *_, found=found: iter(found)
         )
-        assert wanted in handovers.where_entered_outside(group, model, "expr")  # type: ignore[arg-type]
-        assert bool(handovers.where_entered_outside(group, model, "expr")) is bool(wanted)  # type: ignore[arg-type]
+        assert wanted in handovers.place_entered_outside(group, model, "expr")  # type: ignore[arg-type]
+        assert bool(handovers.place_entered_outside(group, model, "expr")) is bool(wanted)  # type: ignore[arg-type]
     assert all(k == {"admits": True, "anywhere": True} for k in asked)
 
 

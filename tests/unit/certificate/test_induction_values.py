@@ -105,7 +105,7 @@ fun result(): float {{
     assert checked.ok, checked.diagnostics
     fun = checked.program.funs["result"]
     result = SolverReading(sight_of_nothing()).result_of_call(fun, ())
-    assert repr(result) == repr(Evaluator({}).function(fun)(Environment(), ()))
+    assert repr(result) == repr(Evaluator({}).closure_of(fun)(Environment(), ()))
 
 
 def test_what_faults_for_sure_is_a_fault_and_no_constant(tmp_path: Path) -> None:
@@ -118,7 +118,7 @@ def test_what_faults_for_sure_is_a_fault_and_no_constant(tmp_path: Path) -> None
     for given in (z3.Int("k"), 1):
         reading = SolverReading(sight_of_nothing())
         body, frame = fun.body or (), CallFrame({k: given})
-        fine, _ = reading.attempt(True, partial(reading.run_block, body, frame))
+        fine, _ = reading.run_under(True, partial(reading.run_block, body, frame))
         assert not fine
         assert reading.operations.fault is True
 
@@ -344,7 +344,7 @@ def test_arrays_are_read_as_they_are_evaluated(tmp_path: Path, name: str) -> Non
     result = reading.result_of_call(fun, (a, b))
     (whole,), (wrong,) = terms_of(result), terms_of(reading.operations.fault)
     assert reading.operations.doubt is False
-    evaluate = Evaluator({}).function(fun)
+    evaluate = Evaluator({}).closure_of(fun)
     faults = 0
     for k in range(-1, 5):
         for n in range(-1, 5):
@@ -404,7 +404,7 @@ def tried(run: Callable[[], Any]) -> Any:
 @pytest.mark.parametrize("seed", some(range(40), 4))
 def test_what_is_known_is_what_the_evaluator_gives(seed: int, tmp_path: Path) -> None:
     for fun in functions(tmp_path, seed):
-        evaluate = Evaluator({}).function(fun)
+        evaluate = Evaluator({}).closure_of(fun)
         for at in POINTS:
             value = tried(lambda e=evaluate, x=at: e(Environment(), x))  # type: ignore[misc]
             terms, solver = Terms(), SolverReading(sight_of_nothing())
@@ -423,9 +423,9 @@ def test_what_is_read_of_any_values_is_so_at_each(seed: int, tmp_path: Path) -> 
     for fun in functions(tmp_path, seed):
         reader = SolverReading(sight_of_nothing())
         given = tuple(unknown_value(p.type, p.name, reader.sight.facts) for p in fun.parameters)
-        _, value = reader.attempt(True, lambda r=reader, f=fun, x=given: r.result_of_call(f, x))  # type: ignore[misc]
+        _, value = reader.run_under(True, lambda r=reader, f=fun, x=given: r.result_of_call(f, x))  # type: ignore[misc]
         assert reader.operations.doubt is False
-        evaluate = Evaluator({}).function(fun)
+        evaluate = Evaluator({}).closure_of(fun)
         for at in POINTS:
             pairs = list(zip(terms_of(given), terms_of(at), strict=True))
             (fault,) = (z3.substitute(x, *pairs) for x in terms_of(reader.operations.fault))

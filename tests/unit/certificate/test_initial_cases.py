@@ -29,4 +29,4 @@ def test_a_run_begins_with_the_declared_value(
     facts = small_proofs.facts_of(path, "S", "M")
     assert [p.name.split(".")[-1] for p in facts.parameters] == ["k"]
     (parameter,) = facts.parameters
-    assert {v: v[0] in parameter.begins for v in facts.cases()} == values
+    assert {v: v[0] in parameter.begins for v in facts.parameter_combinations()} == values

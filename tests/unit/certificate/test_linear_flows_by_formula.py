@@ -11,7 +11,12 @@ import numpy as np
 import pytest
 
 from soter.certificate.reading import linear_flows
-from soter.certificate.reading.linear_flows import LinearFlow, exponential, integral, linear_flow
+from soter.certificate.reading.linear_flows import (
+    LinearFlow,
+    exp_integral,
+    exponential,
+    linear_flow,
+)
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.linear_enclosures import ONE, ZERO, exact
 from unit.certificate.test_problem_by_definition import facts_with, model_of
@@ -101,10 +106,10 @@ def test_so_long_a_span_is_summed_up() -> None:
 @pytest.mark.parametrize("time", [Fraction(1, 4), Fraction(2), Fraction(-1)])
 def test_integrals_of_exponentials_that_are_known(time: Fraction) -> None:
     t = float(time)
-    found = integral(matrix([0.0, 1.0], [0.0, 0.0]), time)
+    found = exp_integral(matrix([0.0, 1.0], [0.0, 0.0]), time)
     wanted = [[t, t * t / 2], [0.0, t]]
     assert np.allclose([[float(x) for x in row] for row in found], wanted, atol=1e-12)
-    ((decay,),) = integral(matrix([-2.0]), time)
+    ((decay,),) = exp_integral(matrix([-2.0]), time)
     assert float(decay) == pytest.approx((1 - math.exp(-2 * t)) / 2)
 
 
@@ -126,7 +131,7 @@ def test_entries_that_differ_lie_on_paths() -> None:
 
 
 def test_a_size_is_bounded_in_three_ways() -> None:
-    of, share = linear_flows._absolute_integral, exact(0.5)
+    of, share = linear_flows._bound_of_integral, exact(0.5)
     for values in itertools.product((-2.0, 0.0, 3.0), repeat=3):
         whole = exact(sum(values) / 2)
         found = of(whole, [exact(v) for v in values], share)

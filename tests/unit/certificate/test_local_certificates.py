@@ -64,7 +64,7 @@ def test_a_cart_with_drag_is_accepted(dragged: Path, base: Sealed) -> None:
     report = recheck(dragged)
     assert report.accepted, report.reason
     assert report.safe
-    assert report.returns
+    assert report.has_return
     assert (base.tables["K"] > 0).sum() > 300
     assert (base.tables["R"] > 0).sum() > 200
     assert not Attack(DRAGGED, base.as_tables(), 1).broken({}, 5000)

@@ -292,10 +292,10 @@ def test_chains_enclose_runs(
     for seed in range(4):
         cell = tuple(int(i) for i in np.random.default_rng(seed).integers(6, 34, 2))
         block = tuple((i, i + 1) for i in cell)
-        ends = [float(x) for interval in group.grid.box(block) for x in interval]
+        ends = [float(x) for interval in group.grid.box_of(block) for x in interval]
         runs = Runs(thing, model, ends, seed)
         states, acts = runs.chain(holds)
-        form = form_of_box(group.grid.box(block), symbols=True)
+        form = form_of_box(group.grid.box_of(block), symbols=True)
         before = 0
         for k in range(holds):
             form_and_boxes = (chain.later if k else chain.first)(form)
@@ -330,15 +330,15 @@ def test_chains_of_late_commands_enclose_runs(tmp_path: Path, name: str, forgott
     facts = small_proofs.facts_of(path, "S", "Module")
     model = CaseModel(facts, (), tuple(facts.axes[i] for i in range(2)))
     assert facts.has_late_commands
-    age = facts.own.age_sc // 10**6
+    age = facts.derived.age_sc // 10**6
     runs = LateRuns(
         lambda x, u, w: np.stack(np.broadcast_arrays(*thing.rates(x[0], x[1], u, w))),
         lambda y: np.clip(-2.0 * y[0] - 1.5 * y[1], -thing.force, thing.force),
         (-thing.force, thing.force), (-thing.wind, thing.wind), period=20, errors=0.01,
         waits=3, acts=100, age=age,
     )  # fmt: skip
-    assert facts.own.in_force <= runs.read_age * 10**6 <= facts.own.in_force + 4 * 10**6
-    facts.own = replace(facts.own, in_force=facts.own.in_force - forgotten_ms * 10**6)
+    assert facts.derived.in_force <= runs.read_age * 10**6 <= facts.derived.in_force + 4 * 10**6
+    facts.derived = replace(facts.derived, in_force=facts.derived.in_force - forgotten_ms * 10**6)
     chain, escaped = ChainCheck(model, group_of(model)).compiled_chain(2), 0
     for seed in range(8):
         rng = np.random.default_rng(seed)
@@ -376,12 +376,12 @@ def test_chains_of_a_window_enclose_its_runs(
         early = window.early_and_late(Fraction(model.facts.jitter_ns))[0] / 10**6
         cell = (14 + 3 * window.index, 24 - 3 * window.index)
         block = tuple((i, i + 1) for i in cell)
-        ends = [float(x) for interval in group.grid.box(block) for x in interval]
+        ends = [float(x) for interval in group.grid.box_of(block) for x in interval]
         runs = Runs(thing, model, ends, window.index)
         assert runs.j % count == 0
         p = (runs.j * window.index // count, runs.j * (window.index + 1) // count)
         states, acts = runs.chain(5, p)
-        form = any_run = form_of_box(group.grid.box(block), symbols=True)
+        form = any_run = form_of_box(group.grid.box_of(block), symbols=True)
         for k in range(5):
             form, boxes = sure((chain.later if k else chain.first)(form))
             any_run = sure((whole.later if k else whole.first)(any_run))[0]
@@ -414,7 +414,7 @@ def test_chains_of_first_samples_of_an_age_enclose_their_runs(
     assert {(w.index, w.age) for w in parts} == {(k, a) for k in range(count) for a in range(count)}
     sizes = []
     block = tuple((i, i + 1) for i in (24, 18))
-    box = [float(x) for interval in group.grid.box(block) for x in interval]
+    box = [float(x) for interval in group.grid.box_of(block) for x in interval]
     for seed, window in enumerate(parts):
         runs = Runs(THINGS["linear"], model, box, seed)
         ages = tuple(int(-t) for t in window.sample_span(delay))
@@ -423,7 +423,7 @@ def test_chains_of_first_samples_of_an_age_enclose_their_runs(
         images = []
         for one in (window, EVERY):
             chain = check.compiled_chain(1, one)
-            form = form_of_box(group.grid.box(block), symbols=True)
+            form = form_of_box(group.grid.box_of(block), symbols=True)
             for k in range(3):
                 form = sure((chain.later if k else chain.first)(form))[0]
             images.append(sure(chain.last(form))[1] if chain.last else [float(x) for x in form[:4]])
@@ -455,11 +455,11 @@ def test_two_commands_that_the_group_feels(tmp_path: Path, times: tuple[int, int
     for seed in range(4):
         cell = tuple(int(i) for i in np.random.default_rng(seed).integers(6, 34, 2))
         block = tuple((i, i + 1) for i in cell)
-        ends = [float(x) for interval in group.grid.box(block) for x in interval]
+        ends = [float(x) for interval in group.grid.box_of(block) for x in interval]
         runs = Runs(thing, model, ends, seed)
         runs.law = runs.laws  # type: ignore[method-assign]
         states, acts = runs.chain(5)
-        form = form_of_box(group.grid.box(block), symbols=True)
+        form = form_of_box(group.grid.box_of(block), symbols=True)
         for k in range(5):
             form, boxes = sure((chain.later if k else chain.first)(form))
             after = (k + 1) * runs.delta - runs.j
@@ -486,8 +486,8 @@ def test_free_phases_enclose_runs(tmp_path: Path, name: str, pieces: int) -> Non
     for seed in range(6):
         cell = tuple(int(i) for i in np.random.default_rng(seed).integers(6, 34, 2))
         block = tuple((i, i + 1) for i in cell)
-        ends = [float(x) for interval in group.grid.box(block) for x in interval]
-        form = form_of_box(group.grid.box(block), symbols=True)
+        ends = [float(x) for interval in group.grid.box_of(block) for x in interval]
+        form = form_of_box(group.grid.box_of(block), symbols=True)
         (step,) = phase
         image = step(form)
         assert image is not None
@@ -507,7 +507,7 @@ def test_steps_solve_the_linear_model() -> None:
         sizes = [exact(float(x)) for x in noise]
         local = Enclosure([], rows, [[ONE], [ZERO]], [ZERO, ONE], sizes, [], [])
         span = Fraction(time)
-        law, off = flow.solution_over(local, span), flow.noise(local, Fraction(0), span, [])
+        law, off = flow.solution_over(local, span), flow.noise_bounds(local, Fraction(0), span, [])
         e, total, steps = np.eye(2), np.zeros((2, 2)), 4000
         worst = np.zeros(2)
         h = time / steps
@@ -559,14 +559,18 @@ def test_boxes_end_where_the_flow_keeps_the_end(tmp_path: Path, kept: bool) -> N
     assert uncrossed_ends(model, (0, 1))[0] == (True, False)
     local = local_chain(model, [(kept, kept), (False, False)])
     group = group_of(model)
-    box = group.grid.box(((0, 1), (36, 37)))
-    lowest = [sure(local.free_boxes(Fraction(1, 20), 2, form_of_box(box, symbols=True)))[1]]
+    box = group.grid.box_of(((0, 1), (36, 37)))
+    lowest = [
+        sure(local.boxes_under_any_commands(Fraction(1, 20), 2, form_of_box(box, symbols=True)))[1]
+    ]
     form = form_of_box(box, symbols=True)
     for k in range(3):
-        form, boxes = sure((local.later_hold if k else local.first_hold)(1, form))
+        form, boxes = sure(
+            (local.lead_over_later_hold if k else local.lead_over_first_hold)(1, form)
+        )
         lowest.append(boxes)
         assert float(form[0]) >= -2.0 or not kept
-    lowest.append(sure(local.last_switch(1, form))[1])
+    lowest.append(sure(local.last_switch_boxes(1, form))[1])
     assert (min(min(boxes[0::4]) for boxes in lowest) >= -2.0) == kept
 
 
@@ -576,12 +580,12 @@ def test_ends_of_linear_flows_are_cut_off(tmp_path: Path) -> None:
     assert has_linear_rates(model, (0, 1))
     group = group_of(model)
     chain = ChainCheck(model, group).compiled_chain(1)
-    form = form_of_box(group.grid.box(((0, 1), (20, 21))), symbols=True)
+    form = form_of_box(group.grid.box_of(((0, 1), (20, 21))), symbols=True)
     for k in range(3):
         form, boxes = sure((chain.later if k else chain.first)(form))
         assert min(boxes[0::4]) >= -2.0
     (step,) = FreeCheck(model, group, 50 * 10**6).compiled_steps(4)
-    image = sure(step(form_of_box(group.grid.box(((0, 1), (20, 21))), symbols=True)))
+    image = sure(step(form_of_box(group.grid.box_of(((0, 1), (20, 21))), symbols=True)))
     assert min(image[1][0::4]) == -2.0
 
 
@@ -591,9 +595,9 @@ def test_what_stands_is_where_it_was(tmp_path: Path) -> None:
     model = model_of(tmp_path, thing, 15, 20, 3)
     group = group_of(model)
     cell = ((7, 8), (11, 12))
-    ends = [float(x) for interval in group.grid.box(cell) for x in interval]
+    ends = [float(x) for interval in group.grid.box_of(cell) for x in interval]
     chain = ChainCheck(model, group).compiled_chain(1)
-    form = form_of_box(group.grid.box(cell), symbols=True)
+    form = form_of_box(group.grid.box_of(cell), symbols=True)
     for k in range(4):
         image = (chain.later if k else chain.first)(form)
         assert image is not None
@@ -635,7 +639,7 @@ def test_a_hold_after_commands_that_differ_much(  # noqa: PLR0915  one run, look
         start = local.layout.take_apart(form, None)
         sample = local._sampled_states(start, fresh=False)
         centre = product(sample.rows, start.z)
-        image = local.later_hold(pieces, form)
+        image = local.lead_over_later_hold(pieces, form)
         after = [float(x) for x in image[0]]
         runs = Runs(thing, model, [0.0] * 4, seed)
         eps = np.array([runs.extreme(1.0) for _ in range(2)])

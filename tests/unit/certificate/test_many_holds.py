@@ -96,7 +96,7 @@ def test_what_is_known_lasts(tmp_path: Path, delay_us: int, drag: str, times: st
     """A chain computes with numbers: after many holds no ball of its form has grown."""
     check = check_of(wall(tmp_path, drag, times), delay_us * 1000)
     chain = check.compiled_chain(1)
-    form, step = form_of_box(check.group.grid.box(CELL), symbols=True), chain.first
+    form, step = form_of_box(check.group.grid.box_of(CELL), symbols=True), chain.first
     for _ in range(MANY):
         image = step(form)
         assert image is not None
@@ -109,7 +109,7 @@ def test_no_command_leads_beyond_its_limit(tmp_path: Path, delay_us: int) -> Non
     """SC brakes as hard as it may, or nearly so, whatever is not known of the sample."""
     check = check_of(wall(tmp_path, "", LATE), delay_us * 1000)
     grid = check.group.grid
-    box = grid.box(FAST)
+    box = grid.box_of(FAST)
     within = Cells(grid, np.ones(grid.shape, dtype=np.bool_))
     late = check.model.facts.jitter_ns / 1e9
     ((_, ends),) = check.follow(box, [1], within, 1)

@@ -23,7 +23,7 @@ from soter.certificate.terms.compile_terms import (
 )
 from soter.certificate.terms.linear_enclosures import ONE, exact
 from soter.certificate.terms.straight_line import CERTAIN
-from soter.certificate.terms.terms import TRUE, Linear, Terms, both, choice_of_truths, conjuncts
+from soter.certificate.terms.terms import TRUE, Linear, Terms, and_of, choice_of_truths, conjuncts
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.front_end import check_file
 from soter.language.model import typed
@@ -169,7 +169,7 @@ def test_what_is_made_of_a_number_rests_on_what_it_rests_on(rounded: bool) -> No
     assert all(rests in value.rests for value in made)
     assert make.arithmetic("-", root, root).rests == (rests,)
     assert terms.obligations == []
-    chosen = make.join(FLOAT, terms.below_zero(c), root, y)
+    chosen = make.choice_of(FLOAT, terms.below_zero(c), root, y)
     assert len(chosen.rests) == 1
     assert rests not in chosen.rests
     assert not make.result_of_builtin("int", root).rests
@@ -237,7 +237,10 @@ def test_what_is_said_twice_is_looked_at_once(tmp_path: Path, kind: str) -> None
         terms, value = read(tmp_path, chain_of(kind, n), kind=kind.replace("and", "bool"))
         truths = [*value.rests, *value.beyond] if isinstance(value, Linear) else [value]
         compile_truths(terms, [0, 1], truths, {})
-        assert influence_of_inputs(terms, reduce(both, conjuncts(reduce(both, truths))), [0, 1]) > 0
+        assert (
+            influence_of_inputs(terms, reduce(and_of, conjuncts(reduce(and_of, truths))), [0, 1])
+            > 0
+        )
 
     asked(1)
     works = [work_of(lambda n=n: asked(n))[1] for n in (2, 6, 10)]  # type: ignore[misc]

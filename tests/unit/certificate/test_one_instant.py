@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 import soter
-from soter.certificate.extras.estimates_and_shield import acted_ns
+from soter.certificate.extras.estimates_and_shield import command_memory_ns
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.module_facts import DiffersError
 from soter.certificate.report import NotRecheckedError
@@ -106,7 +106,7 @@ def test_whoever_reads_the_copy_of_a_command_is_not_re_checked(tmp_path: Path) -
         with told if reader is SC else nullcontext():
             model.sc_commands(terms, states)
         with told if reader is DM else nullcontext():
-            model.predicate(terms, states, ttf, errors=True)
+            model.truth_of(terms, states, ttf, errors=True)
 
 
 @pytest.mark.parametrize("reader", [SC, DM])
@@ -142,6 +142,6 @@ def test_a_replaced_command_counts_for_as_long_as_the_prover_says(
     path = tmp_path / "two.soter"
     path.write_text(TEXT.replace("verify {", f"verify {{ {times}"))
     flat = system_to_prove(check_file(str(path)), "S")
-    own = acted_ns(small_proofs.facts_of(path, "S", "M"))
-    assert own == extract(flat, flat.modules[0]).times.acted
+    own = command_memory_ns(small_proofs.facts_of(path, "S", "M"))
+    assert own == extract(flat, flat.modules[0]).times.replaced_window
     assert own == (20 + acts + 20 + sum(sc)) * 1_000_000

@@ -18,7 +18,7 @@ from soter.certificate.terms.straight_line import (
     Function,
     NotCertainError,
     choose_by_truth,
-    growth,
+    growth_bound,
     product_range,
     range_after,
     range_between,
@@ -107,10 +107,10 @@ def test_a_table_gives_all_that_stands_between_two_positions() -> None:
 def test_growth_is_the_integral() -> None:
     for own, span in itertools.product((-3.0, -0.5, 0.5, 2.0), (0.0, 0.1, 1.0)):
         value = math.expm1(own * span) / own
-        assert value <= float(growth(exact(own), exact(span))) * (1 + 1e-15) <= value + 1e-12
-    assert float(growth(exact(0.0), exact(0.5))) == 0.5
-    assert float(growth(arb(0, 0.1), exact(1.0)).upper()) >= math.expm1(0.1) / 0.1
-    assert float(growth(arb(-0.05, 0.05), exact(1.0)).upper()) >= 1.0
+        assert value <= float(growth_bound(exact(own), exact(span))) * (1 + 1e-15) <= value + 1e-12
+    assert float(growth_bound(exact(0.0), exact(0.5))) == 0.5
+    assert float(growth_bound(arb(0, 0.1), exact(1.0)).upper()) >= math.expm1(0.1) / 0.1
+    assert float(growth_bound(arb(-0.05, 0.05), exact(1.0)).upper()) >= 1.0
 
 
 @all_rows("own", [-2.0, -0.5, 0.5])
@@ -139,7 +139,7 @@ def test_a_state_between_two_instants_is_in_the_swept_range(
     ends = (exact(v) for v in (*box, min(after), max(after)))
     rate = exact(own) * ball + pulls
     rates = arb(rate.lower()), arb(rate.upper())
-    grown = growth(exact(own), exact(span))
+    grown = growth_bound(exact(own), exact(span))
     numbers = [*ends, *rates, exact(own), pulls, exact(span), grown]
     low, high = range_between(*numbers)
     assert low <= min(between)
@@ -158,9 +158,9 @@ def test_a_state_between_two_instants_is_in_the_swept_range(
 def test_a_form_of_another_length_is_refused() -> None:
     """Constants stand behind the form: one number more or less would shift all of them."""
     make = Builder()
-    function = Function(make, 2, [make.input(0) + make.input(1) + make.constant(exact(3.0))])
+    function = Function(make, 2, [make.input_at(0) + make.input_at(1) + make.constant(exact(3.0))])
     assert function((exact(1.0), exact(2.0))) == (6,)
-    for form in ((exact(1.0),), (exact(1.0),) * 3, (make.input(0),)):
+    for form in ((exact(1.0),), (exact(1.0),) * 3, (make.input_at(0),)):
         with pytest.raises(AssertionError, match="another length"):
             function(form)
 
@@ -179,7 +179,7 @@ MEANT: dict[str, Callable[[float, float], float]] = {
 def test_what_needs_no_operation_is_left_out(name: str, known: float) -> None:
     """Sums with 0 and products with 0, 1 and -1 are known, of what nothing bounds as well."""
     make = Builder()
-    x, number = make.input(0), make.constant(exact(known))
+    x, number = make.input_at(0), make.constant(exact(known))
     for turned in (False, True):
         made = make.apply(name, *((x, number) if turned else (number, x)))
         value = {

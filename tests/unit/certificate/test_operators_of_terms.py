@@ -11,7 +11,7 @@ import pytest
 from soter.certificate.extras import array_elements
 from soter.certificate.extras.prelude_functions import prelude_function
 from soter.certificate.reading.symbolic_operations import Operations
-from soter.certificate.reading.symbolic_values import Rows, SymbolicInt, in_range
+from soter.certificate.reading.symbolic_values import Rows, SymbolicInt, index_in_range
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.linear_enclosures import ONE, exact
 from soter.certificate.terms.terms import Linear, Terms, negation
@@ -129,8 +129,8 @@ def test_known_truths_are_compared() -> None:
             same = (v < 0) == known
             assert holds(terms, found, [v]) is (same if op == "==" else not same)
     for a, b in itertools.product((True, False), repeat=2):
-        assert make.both(a, b) is (a and b)
-        assert make.one_of(a, b) is (a or b)
+        assert make.and_of(a, b) is (a and b)
+        assert make.or_of(a, b) is (a or b)
         assert make.negation(a) is (not a)
 
 
@@ -141,7 +141,7 @@ def test_both_sides_of_a_branch_are_joined() -> None:
     c = terms.below_zero(x)
     i = make.as_int(x)
     for a, b in ((1, 2), (1, 1.0), (0.0, -0.0), (i, 2), (3, i), (x, 2.0), (1.0, x), (x, i)):
-        found: Any = make.join(FLOAT, c, a, b)
+        found: Any = make.choice_of(FLOAT, c, a, b)
         whole = any(isinstance(v, (int, SymbolicInt)) for v in (a, b))
         assert isinstance(found, SymbolicInt) is whole
         for v in (-0.5, 0.5):
@@ -149,16 +149,16 @@ def test_both_sides_of_a_branch_are_joined() -> None:
             wanted = v if isinstance(side, Linear) else side
             assert abs(at(terms, found, [v]) - wanted) < 1e-12
     for a, b in itertools.product((True, False, c, negation(c)), repeat=2):
-        found = make.join(FLOAT, c, a, b)
+        found = make.choice_of(FLOAT, c, a, b)
         for v in (-0.5, 0.5):
             side = a if v < 0 else b
             wanted_truth = side if isinstance(side, bool) else holds(terms, side, [v])
             truth = found if isinstance(found, bool) else holds(terms, found, [v])
             assert truth is wanted_truth
-    pair = make.join(FLOAT, c, (1.0, (2, True)), (1.0, (2, True)))
+    pair = make.choice_of(FLOAT, c, (1.0, (2, True)), (1.0, (2, True)))
     assert pair == (1.0, (2, True))
     with pytest.raises(NotRecheckedError, match="length"):
-        make.join(FLOAT, c, (1.0,), (1.0, 2.0))
+        make.choice_of(FLOAT, c, (1.0,), (1.0, 2.0))
 
 
 def test_a_function_of_the_prelude_has_its_domain_and_its_bound(
@@ -224,25 +224,25 @@ def test_a_value_is_narrowed_to_where_it_has_to_be() -> None:
         terms = Terms()
         make = Operations(terms, rounded=True)
         i = make.as_int(inputs_of(terms, (-4.0, 4.0))[0])
-        assert make.narrow(i, low, high) is i
+        assert make.demand_between(i, low, high) is i
         for v in range(-4, 5):
             inside = low <= v <= high
             assert all(holds(terms, o, [float(v)]) for o in terms.obligations) is inside
             if inside:
-                assert make.narrow(v, low, high) == v
+                assert make.demand_between(v, low, high) == v
             else:
                 with pytest.raises(StepFault):
-                    make.narrow(v, low, high)
+                    make.demand_between(v, low, high)
         assert len(terms.obligations) == 2
 
 
 def test_an_index_is_one_that_there_is() -> None:
     for index, size in itertools.product(range(-2, 4), range(4)):
         if index in range(size):
-            assert in_range(index, size) == index
+            assert index_in_range(index, size) == index
         else:
             with pytest.raises(StepFault):
-                in_range(index, size)
+                index_in_range(index, size)
 
 
 @pytest.mark.parametrize(
@@ -368,10 +368,10 @@ def test_a_number_less_itself_is_zero_however_it_was_rounded() -> None:
     terms = Terms()
     make = Operations(terms, rounded=True)
     (x,) = inputs_of(terms, (-3.0, 3.0))
-    y = terms.rounded(x)
+    y = terms.rounded_term(x)
     assert float(make.arithmetic("-", y, y).high) <= 5e-324
     assert at(terms, make.result_of_builtin("int", make.arithmetic("-", y, y)), [0.7]) == 0
-    assert float(make.arithmetic("-", y, terms.rounded(x)).high) > 5e-324  # only alike
+    assert float(make.arithmetic("-", y, terms.rounded_term(x)).high) > 5e-324  # only alike
 
 
 def test_a_function_may_be_off_near_zero_and_beyond_the_doubles(

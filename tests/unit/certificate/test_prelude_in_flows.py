@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.certificate.reading.case_model import CaseModel, control_inputs
+from soter.certificate.reading.case_model import CaseModel, new_command_terms
 from soter.certificate.terms.compile_terms import all_certain
 from unit.certificate import small_proofs
 from unit.certificate.test_problem_by_definition import point
@@ -47,7 +47,7 @@ def test_a_rate_is_what_mathematics_says(tmp_path: Path, name: str) -> None:
     function, reach = FUNCTIONS[name]
     model = model_of(tmp_path, f"{name}(h)", reach)
     terms, states = model.new_terms()
-    rates, _ = model.rates(terms, states, control_inputs(model.facts, terms))
+    rates, _ = model.rates(terms, states, new_command_terms(model.facts, terms))
     chance = random.Random(name)  # noqa: S311 - no secrets
     for _ in range(200):
         h = chance.uniform(-reach, reach)
@@ -62,5 +62,5 @@ def test_a_tangent_is_defined_up_to_a_quarter_of_a_turn(
 ) -> None:
     model = model_of(tmp_path, "tan(h)", reach)
     terms, states = model.new_terms()
-    model.rates(terms, states, control_inputs(model.facts, terms))
+    model.rates(terms, states, new_command_terms(model.facts, terms))
     assert all_certain(terms, terms.obligations) is defined

@@ -289,7 +289,7 @@ def test_topics_show_the_state_and_estimates_their_errors(facts: Facts) -> None:
     for errors in (False, True):
         model = model_of(facts)
         terms, states = model.new_terms()
-        topics = model.topics(terms, states, errors=errors)
+        topics = model.topic_terms(terms, states, errors=errors)
         assert topics.keys() == {index["x"], index["y"], index["wish"]}
         for p, v in STATES:
             values = {"p.p": p, "p.v": v, "x.a": 0.25, "y": -0.125, "wish": 0.125}
@@ -313,7 +313,7 @@ def test_a_name_for_what_no_topic_shows_is_left_alone(tmp_path: Path, name: str)
     )
     model = model_of(facts)
     terms, states = model.new_terms()
-    model.topics(terms, states, errors=True)
+    model.topic_terms(terms, states, errors=True)
     u = terms.add_input("box", "u", exact(-1.0), exact(2.0))
     move = model.rates(terms, states, [u])[0][0]
     values = {"p.p": 9.0, "p.v": 0.5, "u": 0.25, "w": 0.125, "p.wind": -0.5}
@@ -351,7 +351,7 @@ def test_a_command_lies_in_its_set_or_it_is_an_obligation(tmp_path: Path) -> Non
 def test_a_predicate_is_about_topics_or_estimates(facts: Facts, errors: bool) -> None:
     model = model_of(facts)
     terms, states = model.new_terms()
-    truth = model.predicate(terms, states, facts.symbol.ttf, errors=errors)  # type: ignore[arg-type]
+    truth = model.truth_of(terms, states, facts.symbol.ttf, errors=errors)  # type: ignore[arg-type]
     for p, e in itertools.product((-2.5, -2.1, -1.9, 0.0, 1.9, 2.1), (-0.25, 0.0, 0.25)):
         where = point(terms, {"p.p": p, "p.v": 0.0, "x.a": e, "y": 0.0})
         assert holds(terms, truth, where) is (abs(p + (e if errors else 0.0)) > 2.0)
@@ -473,7 +473,7 @@ def test_an_open_end_is_said(facts: Facts) -> None:
 def test_commands_that_act_together_are_said(facts: Facts) -> None:
     own = copy.copy(facts)
     for jitter, count, rest in itertools.product((0, 5), (1, 2), (None, "rest")):
-        own.own = dataclasses.replace(facts.own, jitter=jitter)
+        own.derived = dataclasses.replace(facts.derived, jitter=jitter)
         own.times = {**facts.times, "j_ns": jitter}
         own.controls = facts.controls * count
         own.flying_module = copy.copy(facts.flying_module)

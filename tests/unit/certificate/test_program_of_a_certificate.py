@@ -132,10 +132,10 @@ def test_what_was_checked_is_what_is_sealed(tmp_path: Path, mark: bytes) -> None
     checked = check_file(str(tmp_path / "program/main.soter"))
     (name,) = certificate.contents
     certificate.contents[name] = mark + certificate.contents[name]
-    certificate_program._require_sealed_bytes(certificate, checked)
+    certificate_program._refuse_bytes_not_sealed(certificate, checked)
     certificate.contents[name] += b" "
     with pytest.raises(RejectedError, match="while it was being read"):
-        certificate_program._require_sealed_bytes(certificate, checked)
+        certificate_program._refuse_bytes_not_sealed(certificate, checked)
 
 
 @pytest.mark.parametrize(

@@ -233,7 +233,7 @@ def test_code_is_what_it_computes(program: Any, name: str, rounded: bool) -> Non
     inputs = inputs_of(terms, (-6.0, 6.0), (-6.0, 6.0))
     reader = SymbolicReader(terms, Surroundings({}, {}), rounded=rounded)
     value = reader.result_of_call(fun, inputs)
-    evaluate = Evaluator({}).function(fun)
+    evaluate = Evaluator({}).closure_of(fun)
     fine = 0
     for point in itertools.product(POINTS, repeat=2):
         try:
@@ -329,7 +329,7 @@ def test_what_is_not_understood_is_refused(program: Any) -> None:
     frame = CallFrame({})
     strange: Any = SimpleNamespace(type=FLOAT)
     with pytest.raises(NotRecheckedError, match="SimpleNamespace"):
-        reader.value(strange, frame)
+        reader.value_of(strange, frame)
     with pytest.raises(NotRecheckedError, match="simplenamespace"):
         reader._run_simple(strange, frame)
     fun = program.funs["one"]
@@ -358,10 +358,10 @@ def test_a_condition_is_left_behind(known: Proposition) -> None:
     def fails() -> Any:
         raise StepFault(FaultKind.ASSERT)
 
-    assert reader.attempt(known.value, fails) == (False, None)
+    assert reader.run_under(known.value, fails) == (False, None)
     assert terms.path is before
     assert len(terms.obligations) == (1 if known is TRUE else 0)
-    assert reader.attempt(True, lambda: 3) == (True, 3)
+    assert reader.run_under(True, lambda: 3) == (True, 3)
 
 
 # ---------------------------------------------------------------- what is not looked at

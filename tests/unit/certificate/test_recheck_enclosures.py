@@ -188,7 +188,7 @@ def test_a_number_over_its_size_saturates() -> None:
 def test_a_number_is_itself_however_it_was_rounded() -> None:
     terms = Terms()
     x = terms.add_input("state", "x", exact(-6.0), exact(6.0))
-    once, again = (terms.rounded(terms.combine(((ONE, x),), exact(0.1))) for _ in range(2))
+    once, again = (terms.rounded_term(terms.combine(((ONE, x),), exact(0.1))) for _ in range(2))
     for op in ("==", "<=", ">="):
         assert terms.compare(op, once, once) is TRUE
         assert terms.compare(op, once, again).kind != "constant"
@@ -380,11 +380,11 @@ def test_what_is_folded_is_what_is_computed(name: str) -> None:
     numbers = [exact(x) for x in (0.0, 1.0, -1.0, 2.5)]
     for known in numbers:
         make = Builder()
-        x = make.input(0)
+        x = make.input_at(0)
         both = [make.apply(name, known, x), make.apply(name, x, known)]
         function = Function(make, 1, both)
         other = Builder()
-        again = Function(other, 1, function((other.input(0),)))
+        again = Function(other, 1, function((other.input_at(0),)))
         for y in (exact(-3.0), exact(0.125)):
             expected = (OPERATIONS[name](known, y), OPERATIONS[name](y, known))
             assert function((y,)) == expected

@@ -78,7 +78,7 @@ def test_what_was_proved_is_accepted(tmp_path: Path) -> None:
     report = recheck(certificate(tmp_path))
     assert report.accepted, report.reason
     assert report.safe
-    assert report.returns
+    assert report.has_return
     (module,) = report.modules
     assert module.times["k"] >= 1
 
@@ -93,7 +93,7 @@ def test_a_return_that_a_nan_forbids_is_not_confirmed(
     text = PLANNER.replace("safer good(candidate);", f"safer good(candidate) && ({root} || true);")
     assert text != PLANNER
     report = recheck(certificate(tmp_path, text))
-    assert report.accepted is report.returns is returns, report.reason
+    assert report.accepted is report.has_return is returns, report.reason
 
 
 OTHER = """topic shown: int;
@@ -273,7 +273,7 @@ def test_what_is_opaque_is_accepted_as_far_as_it_is_proved(tmp_path: Path) -> No
     report = recheck(certificate(tmp_path, OPAQUE))
     assert report.accepted, report.reason
     assert report.safe
-    assert not report.returns
+    assert not report.has_return
     (module,) = report.modules
     assert any("latches its node" in a.text for a in module.assumptions)
 
@@ -352,14 +352,14 @@ def test_a_proof_of_nothing_is_told_by_who_checks_it(said: str, tmp_path: Path) 
     assert old in PLANNER
     report = recheck(certificate(tmp_path, PLANNER.replace(old, new)))
     assert report.accepted, report.reason
-    (told,) = report.vacuous.values()
+    (told,) = report.why_vacuous.values()
     assert said in told
 
 
 def test_a_proof_of_something_has_no_such_words(tmp_path: Path) -> None:
     report = recheck(certificate(tmp_path))
     assert report.accepted, report.reason
-    assert (report.vacuous, report.modules[0].unseen) == ({}, "")
+    assert (report.why_vacuous, report.modules[0].unseen) == ({}, "")
 
 
 # ---------------------------------------------------------------- refused before it is asked

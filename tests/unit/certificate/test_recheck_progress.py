@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from soter.certificate.case_check import CaseCheck
 from soter.certificate.cell_sets import Grid
 from soter.certificate.grid.grid_group import BLOCK, BLOCKS, LOOK, SMALL, block_tasks
-from soter.diagnostics.current_phase import telling_shares
+from soter.diagnostics.current_phase import whole_shares_to
 
 SIDE = 70
 MODEL: Any = SimpleNamespace(facts=SimpleNamespace(parameters=[], times={"d_ns": 0}), parameter=())
@@ -27,7 +27,7 @@ def told(*holds: np.ndarray | None) -> list[float]:
     edges = tuple(float(x) for x in range(SIDE + 1))
     for each in holds:
         case.tasks += block_tasks("nothing", Grid((edges, edges)), lambda _: iter(()), each)
-    with telling_shares(shares.append):
+    with whole_shares_to(shares.append):
         case._run_tasks()
     return shares
 
@@ -60,6 +60,6 @@ def test_of_many_cells_the_share_moves_in_small_steps() -> None:
     case = CaseCheck(MODEL, [], set(), {}, 1)
     grid = Grid(tuple(tuple(float(x) for x in range(n + 1)) for n in (80, 60, 56)))
     case.tasks += block_tasks("nothing", grid, lambda _: iter(()))
-    with telling_shares(shares.append):
+    with whole_shares_to(shares.append):
         case._run_tasks()
     assert np.diff([0.0, *shares]).max() <= 2 * BLOCK / (80 * 60 * 56)

@@ -115,7 +115,7 @@ def test_a_group_that_flows_inwards_needs_no_chain(
         return chain(self, pieces)
 
     monkeypatch.setattr(ChainCheck, "compiled_chain", noted)
-    check = GridGroup(groups[1]).check(model, None)
+    check = GridGroup(groups[1]).make_check(model, None)
     assert check.kept
     assert list(check.core_tasks()) == list(check.free_tasks(10**6)) == []
     assert asked == []
@@ -199,7 +199,7 @@ def test_where_the_dm_gives_control_back_by_a_table_q_lies_in_it(tmp_path: Path)
         tables = replace(
             groups[0], home=home, given_back=given_back, rank=np.full(40, 2, np.uint16)
         )
-        check = GridGroup(tables).check(model, None)
+        check = GridGroup(tables).make_check(model, None)
         with pytest.raises(RejectedError, match=why):
             list(check.return_tasks(None))
 
@@ -212,11 +212,11 @@ def test_levels_are_as_many_as_are_asked_for_and_each_in_the_one_before(tmp_path
         (sets, "not as many as the levels ask for"),
         (sets[:2], "S_1 is no part of S_0"),
     ):
-        check = GridGroup(replace(groups[0], levels=levels)).check(model, None)
+        check = GridGroup(replace(groups[0], levels=levels)).make_check(model, None)
         with pytest.raises(RejectedError, match=why):
-            list(check.levels_tasks(10**6))
-    check = GridGroup(replace(groups[0], levels=[sets[0], sets[2]])).check(model, None)
-    assert len(list(check.levels_tasks(10**6))) == 2
+            list(check.tasks_for_levels(10**6))
+    check = GridGroup(replace(groups[0], levels=[sets[0], sets[2]])).make_check(model, None)
+    assert len(list(check.tasks_for_levels(10**6))) == 2
 
 
 @pytest.mark.parametrize(
@@ -229,7 +229,7 @@ def test_a_command_outside_its_set_ends_a_chain(
     model, groups = lag(tmp_path, "4.0", "d", 1.13, law)
     chain = ChainCheck(model, groups[0]).compiled_chain(1)
     for at, known in (((20, 22), near), ((38, 39), far)):
-        form = form_of_box(groups[0].grid.box((at,)), symbols=True)
+        form = form_of_box(groups[0].grid.box_of((at,)), symbols=True)
         assert (chain.first(form) is not None) == known
 
 
@@ -284,7 +284,7 @@ def test_a_block_is_followed_while_all_of_it_is_within(
     model, group = small
     check = ChainCheck(model, group)
     everywhere = Cells(group.grid, np.ones(group.grid.shape, dtype=np.bool_))
-    box = group.grid.box(((5, 7), (4, 6)))
+    box = group.grid.box_of(((5, 7), (4, 6)))
     whole = dict(check.follow(box, [2, 5], everywhere, 1))
     assert list(whole) == [2, 5]
     assert all(len(ends) == 1 for ends in whole.values())
@@ -296,7 +296,7 @@ def test_a_block_is_followed_while_all_of_it_is_within(
         low, high = whole[5][0][2 * axis : 2 * axis + 2]
         assert min(end[2 * axis] for end in halves[5]) >= low
         assert max(end[2 * axis + 1] for end in halves[5]) <= high
-    edge = group.grid.box(((11, 12), (9, 10)))  # at the wall, as fast as the grid goes
+    edge = group.grid.box_of(((11, 12), (9, 10)))  # at the wall, as fast as the grid goes
     assert list(check.follow(edge, [3], everywhere, 1)) == []
 
 
@@ -353,7 +353,7 @@ def test_levels_lose_the_cells_of_which_an_estimate_lies_outside(
     for cell in np.argwhere(level.members):
         block = tuple((int(i), int(i) + 1) for i in cell)
         expected[tuple(cell)] = level.contains(
-            estimates_and_shield.estimates_around(model, group, grid.box(block))
+            estimates_and_shield.estimates_around(model, group, grid.box_of(block))
         )
     assert np.array_equal(estimates_and_shield.eroded_cells(model, group, level).members, expected)
     assert 0 < expected.sum() < level.members.sum()

@@ -185,7 +185,7 @@ WORLD = (
     "behind", [(), WORLD, (*WORLD, ("World period 50ms", "World period 25ms"))]
 )
 def test_a_map_that_is_read_when_it_steps_is_rechecked(tmp_path: Path, behind: Pairs) -> None:
-    assert facts_of(tmp_path, PROGRAMS["steps"], *behind).own.age == 0
+    assert facts_of(tmp_path, PROGRAMS["steps"], *behind).derived.age == 0
 
 
 @pytest.mark.parametrize(
@@ -341,7 +341,7 @@ def test_sc_may_not_fault_on_a_state_beside_a_default(
 )
 def test_what_is_published_at_once_is_default_at_once(tmp_path: Path, pairs: Pairs) -> None:
     facts = facts_of(tmp_path, SEEN, *pairs)
-    assert facts.setting.first_with_state(0, facts.setting.by_sc) > facts.setting.sc.phase
+    assert facts.setting.release_with_state(0, facts.setting.by_sc) > facts.setting.sc.phase
     check_start_answers(facts)
 
 

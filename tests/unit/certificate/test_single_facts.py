@@ -12,7 +12,7 @@ from soter.certificate.grid.grid_group import GridCheck
 from soter.certificate.grid.group_claims import GroupTables
 from soter.certificate.grid.sc_chains import uncrossed_ends
 from soter.certificate.reading import problem
-from soter.certificate.reading.case_model import CaseModel, control_inputs
+from soter.certificate.reading.case_model import CaseModel, new_command_terms
 from soter.certificate.reading.linear_flows import has_linear_rates, linear_flow
 from soter.certificate.reading.module_facts import Input
 from soter.certificate.reading.supported_constructs import require_supported
@@ -91,7 +91,7 @@ def test_a_plant_that_reads_what_nobody_commands(tmp_path: Path) -> None:
         facts = facts_of(tmp_path, wind, reads, ("der q = -q;", f"der q = {moved};"))
         model = CaseModel(facts, (), ((-3.0, 3.0), (-1.0, 1.0)))
         terms, states = model.new_terms()
-        controls = control_inputs(facts, terms)
+        controls = new_command_terms(facts, terms)
         if fine:
             model.rates(terms, states, controls)
         else:
@@ -252,7 +252,7 @@ def test_what_is_read_and_no_plant_drives_is_an_input(tmp_path: Path) -> None:
     assert [(i.low, i.high) for i in facts.others] == list(sets.values())
     model = CaseModel(facts, (), ((-3.0, 3.0), (-1.0, 1.0)))
     terms, states = model.new_terms()
-    values = model.topics(terms, states, errors=False)
+    values = model.topic_terms(terms, states, errors=False)
     for i in facts.others:
         value = values[i.owner]
         assert (float(value.low), float(value.high)) == sets[facts.system.topics[i.owner].name]

@@ -223,7 +223,7 @@ def test_each_case_is_held_to_the_law(monkeypatch: pytest.MonkeyPatch, law: str 
     monkeypatch.setattr(rechecker, "CaseCheck", case)
     monkeypatch.setattr("soter.certificate.extras.failsafe_law.check_law", lambda of, k, _: (of, k))
     facts: Any = SimpleNamespace(
-        cases=lambda: iter([(0,), (1,)]), extents=(), left_out=[], turning=set()
+        parameter_combinations=lambda: iter([(0,), (1,)]), extents=(), left_out=[], turning=set()
     )
     claims: Any = SimpleNamespace(groups=[[], []], law=law, claims=set())
     rechecker._check_cases(facts, claims, {}, 1)
@@ -285,7 +285,7 @@ def test_a_factor_that_may_be_zero_turns_the_ends_round() -> None:
         (exact(-1.0), -2.0, -1.0),
     ):
         forms.bounds = {atom: (exact(1.0), exact(2.0))}  # type: ignore[dict-item]
-        ends = forms.range_by_atoms(
+        ends = forms.term_ends_by_atoms(
             Linear(ZERO, {atom: factor}, ZERO, ZERO, ZERO, nonnegative=False)
         )
         values: list[Any] = [e.content if hasattr(e, "content") else e for e in ends]

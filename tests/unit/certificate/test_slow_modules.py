@@ -78,7 +78,7 @@ def test_what_is_proved_of_a_slow_module_is_accepted(tmp_path: Path, case: str) 
     report = recheck(proved(tmp_path, oven(case)))
     assert report.accepted, report.reason
     assert report.safe
-    assert report.returns
+    assert report.has_return
 
 
 @pytest.mark.parametrize(

@@ -102,10 +102,10 @@ def test_what_is_known_on_both_sides_of_a_branch_stays_known() -> None:
     operations, of = Operations(terms, rounded=True), Any
     c = terms.below_zero(x)
     for known in (2, 2.5, True):
-        assert operations.join(of, c, known, known) is known  # type: ignore[arg-type]
-    one = operations.join(of, c, 1.0, x)  # type: ignore[arg-type]
+        assert operations.choice_of(of, c, known, known) is known  # type: ignore[arg-type]
+    one = operations.choice_of(of, c, 1.0, x)  # type: ignore[arg-type]
     assert isinstance(one, Linear)
-    assert isinstance(operations.join(of, c, x, 1.0), Linear)  # type: ignore[arg-type]
+    assert isinstance(operations.choice_of(of, c, x, 1.0), Linear)  # type: ignore[arg-type]
 
 
 def test_a_range_that_ends_at_a_limit_is_inside() -> None:

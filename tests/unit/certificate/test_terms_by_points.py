@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from soter.certificate.extras.array_elements import table_term
+from soter.certificate.extras.array_elements import term_of_table
 from soter.certificate.extras.prelude_functions import with_error_bound
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.compile_terms import (
@@ -108,8 +108,8 @@ def test_numbers_that_are_not_negative() -> None:
         assert terms.atoms[-1].kind != "product"
     assert terms.multiply(x, x).nonnegative is True
     assert terms.apply_function("square", x).nonnegative is False
-    assert terms.rounded(kept[True]).nonnegative is True
-    assert terms.rounded(kept[False]).nonnegative is False
+    assert terms.rounded_term(kept[True]).nonnegative is True
+    assert terms.rounded_term(kept[False]).nonnegative is False
     assert x.nonnegative is False
 
 
@@ -117,7 +117,7 @@ def test_numbers_that_are_not_negative() -> None:
 def test_rounding_is_half_a_unit_of_the_largest(low: float, high: float) -> None:
     terms = Terms()
     x = terms.add_input("state", "x", exact(low), exact(high))
-    r = terms.rounded(x)
+    r = terms.rounded_term(x)
     least = exact(2.0**-53) * max(-low, high) + exact(5e-324)
     most = least * (1 + exact(2.0**-50))
     assert least <= r.radius <= most
@@ -125,7 +125,7 @@ def test_rounding_is_half_a_unit_of_the_largest(low: float, high: float) -> None
     assert terms.obligations == []
     assert (r.low, r.high) == (x.low, x.high)  # doubles: rounding is monotone
     third = replace(x, low=x.low / 3, high=x.high / 3)
-    for end, of in ((terms.rounded(third).low, low), (-terms.rounded(third).high, -high)):
+    for end, of in ((terms.rounded_term(third).low, low), (-terms.rounded_term(third).high, -high)):
         assert end <= exact(of) / 3 <= end + 2 * exact(math.ulp(of / 3))
         assert end.rad() == 0
 
@@ -136,7 +136,7 @@ def test_a_number_that_may_be_too_large_has_to_be_a_double() -> None:
             terms = Terms()
             x = terms.add_input("state", "x", exact(low), exact(high))
             terms.add_input("state", "y", ZERO, ZERO)
-            r = terms.rounded(x)
+            r = terms.rounded_term(x)
             demands = [d for d in r.beyond if d is not TRUE]
             assert terms.obligations == []
             assert len(demands) == (0 if fine else 1)
@@ -153,7 +153,7 @@ def test_a_number_that_may_be_too_large_has_to_be_a_double() -> None:
             assert 2.0**-53 <= rest / abs(at) <= 2.0**-51
             assert r.radius >= exact(5e-324)
             assert r.radius < exact(5e-323)
-            assert terms.rounded(replace(x, nonnegative=True)).nonnegative is True
+            assert terms.rounded_term(replace(x, nonnegative=True)).nonnegative is True
 
 
 def test_a_sum_is_known_as_well_as_its_parts_and_its_atoms() -> None:
@@ -370,14 +370,14 @@ def test_a_choice_is_one_of_two() -> None:
 def test_a_spread_is_as_wide_as_its_weights_say() -> None:
     terms, x, y = two_inputs()
     weights = [exact(-0.5), ZERO, exact(2.0)]
-    made = terms.spread(weights, [x, y, terms.combine(((ONE, y),), ONE)])
+    made = terms.term_within_sizes(weights, [x, y, terms.combine(((ONE, y),), ONE)])
     assert (float(made.low), float(made.high)) == (-17.0, 17.0)
     assert ends(terms, made, 2.0, -3.0) == (-5.0, 5.0)
     assert ends(terms, made, -2.0, 3.0) == (-9.0, 9.0)
     low, high = image(terms, made, [(-1.0, 3.0), (-4.0, 0.5)])[1]
     assert (low, high) == (-7.5, 7.5)
     for weight, kept in (((ZERO,), [x]), ((), [])):
-        nothing = terms.spread(weight, kept)
+        nothing = terms.term_within_sizes(weight, kept)
         assert nothing.is_constant
         assert nothing.const == 0
 
@@ -385,7 +385,7 @@ def test_a_spread_is_as_wide_as_its_weights_say() -> None:
 def test_a_table_is_read_where_it_has_elements() -> None:
     terms, x, y = two_inputs()
     values = [float(10 * r + c) for r in range(3) for c in range(2)]
-    made = table_term(terms, values, [x, y], [3, 2])
+    made = term_of_table(terms, values, [x, y], [3, 2])
     assert (float(made.low), float(made.high)) == (0.0, 21.0)
     for r, c in itertools.product(range(-1, 4), range(-1, 3)):
         inside = all(holds(terms, o, r, c) for o in terms.obligations)
@@ -395,7 +395,7 @@ def test_a_table_is_read_where_it_has_elements() -> None:
     assert image(terms, made, [(0.5, 1.5), (0.0, 1.0)])[1] == (10.0, 11.0)
     for wrong in (math.inf, -math.inf, math.nan):
         with pytest.raises(NotRecheckedError, match="not finite"):
-            table_term(terms, [1.0, wrong], [x], [2])
+            term_of_table(terms, [1.0, wrong], [x], [2])
 
 
 def test_a_function_that_is_off_is_kept_in_its_range() -> None:

@@ -23,14 +23,14 @@ from soter.certificate.terms.terms import (
     Linear,
     Proposition,
     Terms,
+    and_of,
     atoms_under,
-    both,
     choice_of_truths,
     conjuncts,
-    either,
     input_atoms,
     is_same_number,
     negation,
+    or_of,
 )
 from tables import all_rows
 
@@ -92,8 +92,8 @@ def test_propositions_are_what_they_say_and_constants_do_not_stay_in_them() -> N
     terms, x, y = two_inputs()
     p, q = terms.below_zero(x), terms.below_zero(y, strict=False)
     cases = list(itertools.product((True, False), repeat=2))
-    written = [TRUE, FALSE, p, q, negation(p), both(p, q), negation(either(p, negation(q)))]
-    written += [either(p, q)]
+    written = [TRUE, FALSE, p, q, negation(p), and_of(p, q), negation(or_of(p, negation(q)))]
+    written += [or_of(p, q)]
 
     def values(truth: Proposition) -> list[bool]:
         return [meaning(truth, {id(p): a, id(q): b}) for a, b in cases]
@@ -109,12 +109,12 @@ def test_propositions_are_what_they_say_and_constants_do_not_stay_in_them() -> N
 
     for m, n in itertools.product(written, repeat=2):
         pairs = list(zip(values(m), values(n), strict=True))
-        check(both(m, n), [a and b for a, b in pairs])
-        check(either(m, n), [a or b for a, b in pairs])
+        check(and_of(m, n), [a and b for a, b in pairs])
+        check(or_of(m, n), [a or b for a, b in pairs])
         if TRUE in (m, n):
-            assert both(m, n) is (n if m is TRUE else m)
+            assert and_of(m, n) is (n if m is TRUE else m)
         if FALSE in (m, n):
-            assert either(m, n) is (n if m is FALSE else m)
+            assert or_of(m, n) is (n if m is FALSE else m)
         for c in written:
             three = zip(values(c), pairs, strict=True)
             check(choice_of_truths(c, m, n), [a if k else b for k, (a, b) in three])
@@ -133,8 +133,8 @@ def test_bits_of_propositions_at_points_and_on_boxes() -> None:
         (p, lambda a, _: a),
         (q, lambda _, b: b),
         (negation(p), lambda a, _: not a),
-        (both(p, q), lambda a, b: a and b),
-        (either(p, negation(q)), lambda a, b: a or not b),
+        (and_of(p, q), lambda a, b: a and b),
+        (or_of(p, negation(q)), lambda a, b: a or not b),
         (TRUE, lambda *_: True),
         (FALSE, lambda *_: False),
     ]
@@ -190,7 +190,7 @@ def test_numbers_compared(op: str) -> None:
         assert holds(terms, truth, a, b) is of(a, b)
     for alike in (x, terms.combine(((ONE, x),))):
         assert terms.compare(op, x, alike) is (TRUE if of(0, 0) else FALSE)
-    rounded = terms.rounded(x)
+    rounded = terms.rounded_term(x)
     assert terms.compare(op, rounded, replace(rounded)).kind != "constant"
     for a, b in itertools.product((1.0, 2.0), repeat=2):
         known = terms.compare(op, terms.constant(a), terms.constant(b))
@@ -237,7 +237,7 @@ def test_which_numbers_are_certainly_the_same() -> None:
 def test_what_a_term_depends_on() -> None:
     terms, x, y = two_inputs()
     z = terms.add_input("box", "z", ZERO, ONE)
-    truth = both(
+    truth = and_of(
         terms.below_zero(x),
         negation(
             terms.below_zero(
@@ -264,7 +264,7 @@ def test_how_much_inputs_move_what_is_compared() -> None:
     table: list[tuple[Proposition, list[int], float]] = [
         (line, [0], 24.0), (line, [1], 12.0), (line, [0, 1], 36.0), (line, [2], 0.0),
         (product, [0], 36.0), (product, [2], 3.0), (product, [0, 2], 39.0),
-        (both(line, product), [0], 60.0), (negation(line), [1], 12.0), (TRUE, [0], 0.0),
+        (and_of(line, product), [0], 60.0), (negation(line), [1], 12.0), (TRUE, [0], 0.0),
     ]  # fmt: skip
     for truth, inputs, most in table:
         assert float(influence_of_inputs(terms, truth, inputs)) == most

@@ -207,7 +207,7 @@ def test_chains_are_tried_finer_and_finer(monkeypatch: pytest.MonkeyPatch) -> No
 def model_with_reads(claimed: int, *, own: int) -> Any:
     """A model whose certificate has reads so old, where none are older than `own`."""
     return SimpleNamespace(
-        facts=SimpleNamespace(times={"d_ns": claimed}, own=SimpleNamespace(delay=own))
+        facts=SimpleNamespace(times={"d_ns": claimed}, derived=SimpleNamespace(delay=own))
     )
 
 

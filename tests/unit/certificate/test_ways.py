@@ -60,10 +60,10 @@ def test_an_estimate_without_times_makes_p1c_assumed(tmp_path: Path) -> None:
 
 def test_an_age_of_reads_that_periods_do_not_keep_is_refused(tmp_path: Path) -> None:
     facts = facts_of(tmp_path)
-    oldest_ms = -(-max(facts.own.stamps.values()) // 1_000_000)
+    oldest_ms = -(-max(facts.derived.stamps.values()) // 1_000_000)
     assert oldest_ms > 1
     aged = facts_of(tmp_path, ("verify {", f"verify {{ age {oldest_ms}ms;"))
-    assert aged.own == facts.own
+    assert aged.derived == facts.derived
     with pytest.raises(DiffersError, match="R011"):
         facts_of(tmp_path, ("verify {", f"verify {{ age {oldest_ms - 1}ms;"))
 

@@ -18,7 +18,7 @@ from soter.certificate.report import (
     NotRecheckedError,
     RejectedError,
 )
-from soter.diagnostics.current_phase import telling_shares
+from soter.diagnostics.current_phase import whole_shares_to
 from tables import all_rows
 from unit.certificate.test_single_refusals import facts_of
 
@@ -49,7 +49,7 @@ def case(monkeypatch: pytest.MonkeyPatch, claims: set[str], **facts: Any) -> tup
         return SimpleNamespace(
             shows_rates_defined=k == 1,
             free_tasks=lambda h: noted(f"free {k} {h}"),
-            levels_tasks=lambda ns: noted(f"levels {k} {ns}"),
+            tasks_for_levels=lambda ns: noted(f"levels {k} {ns}"),
             core_tasks=lambda: noted(f"core {k}"),
             note_safe_cells=lambda cells: asked.append(f"safe {k} {cells}"),
             predicate_tasks=lambda name, expr, admits: noted(f"{name} {k} {expr} {admits}"),
@@ -60,19 +60,26 @@ def case(monkeypatch: pytest.MonkeyPatch, claims: set[str], **facts: Any) -> tup
 
     groups = [
         SimpleNamespace(
-            check=lambda _, kept, k=k: noted(f"kept {k} {kept}", check(k)),
+            make_check=lambda _, kept, k=k: noted(f"kept {k} {kept}", check(k)),
             tables="part",
             states=(k,),
         )
         for k in range(2)
     ]
     symbol = SimpleNamespace(safe="safe", safer="safer", verify=SimpleNamespace(recover=None))
-    known = {"unbounded": set(), "times": {"H_ns": 7}, "computed": False, "between_ns": 3}
+    known = {
+        "unbounded": set(),
+        "times": {"H_ns": 7},
+        "is_computed": False,
+        "ns_between_verdicts": 3,
+    }
     own = SimpleNamespace(symbol=symbol, ttf="ttf", in_sets=(), **{**known, **facts})
     monkeypatch.setattr(
         left_out_states, "require_unread_states", lambda _, n: asked.append(f"reads {n}")
     )
-    monkeypatch.setattr(case_check, "require_rates", lambda _, s: asked.append(f"rates {s}"))
+    monkeypatch.setattr(
+        case_check, "require_defined_rates", lambda _, s: asked.append(f"rates {s}")
+    )
     monkeypatch.setattr(case_check, "bounded_topics", lambda _: ["t"])
     monkeypatch.setattr(case_check, "cells_published_in_set", lambda *_: ["c0", "c1"])
     model: Any = SimpleNamespace(facts=own, parameter=(), extents=())
@@ -116,7 +123,7 @@ def test_what_is_asked_of_each_group(
 
 
 def test_of_computed_predicates_levels_are_asked(monkeypatch: pytest.MonkeyPatch) -> None:
-    made, asked = case(monkeypatch, {"P3"}, computed=True, unbounded={0})
+    made, asked = case(monkeypatch, {"P3"}, is_computed=True, unbounded={0})
     made.lawful = ["l0", "l1"]
     made._collect_tasks()
     assert asked[:4] == ["kept 0 l0", "kept 1 l1", "reads 2", "rates [(1,)]"]
@@ -137,7 +144,9 @@ def test_predicates_that_are_not_there_are_not_asked(monkeypatch: pytest.MonkeyP
 def test_the_time_to_return_is_the_longest_way(
     monkeypatch: pytest.MonkeyPatch, late: int, decide: int
 ) -> None:
-    made, _ = case(monkeypatch, {"P2b"}, times={"delta_ns": 10}, jitter_ns=late, decide_ns=decide)
+    made, _ = case(
+        monkeypatch, {"P2b"}, times={"delta_ns": 10}, jitter_ns=late, verdict_delay_ns=decide
+    )
     monkeypatch.setattr(case_check, "const_value", lambda _, declared: declared)
     made._compare_recover_time()  # none is declared
     made.entry = {"recover_ns": 25}
@@ -207,7 +216,7 @@ def test_every_task_has_to_say_nothing(
             return text
 
         made.tasks = [(partial(task, k, text), k + 1) for k, text in enumerate(failed)]
-        with telling_shares(shares.append):
+        with whole_shares_to(shares.append):
             made._run_tasks()
         return shares, order
 
@@ -232,7 +241,7 @@ def test_when_the_start_of_sc_is_asked_about(
     setting = SimpleNamespace(
         by_sc=reads,
         sc=SimpleNamespace(phase=phase),
-        first_with_state=lambda after, of: first if (after, of) == (0, reads) else -1,
+        release_with_state=lambda after, of: first if (after, of) == (0, reads) else -1,
     )
     facts = SimpleNamespace(setting=setting, levels=3)
     monkeypatch.setattr(rechecker, "read_facts", lambda *_: facts)

@@ -351,10 +351,10 @@ def test_times_that_follow_from_times(facts: Facts) -> None:
     own = copy.copy(facts)
     own.times = {k: 10**i for i, k in enumerate(("A_ns", "Delta_ns", "J_dm_ns", "R_dm_ns"))}
     own.times |= {"d_ns": 5, "j_ns": 6, "h0_ns": 7}
-    assert (own.decide_ns, own.between_ns) == (1111, 111)
+    assert (own.verdict_delay_ns, own.ns_between_verdicts) == (1111, 111)
     assert (own.delay_ns, own.jitter_ns) == (5, 6)
     for start in (6, 7, 8):
-        own.own = dataclasses.replace(facts.own, start=start)
+        own.derived = dataclasses.replace(facts.derived, start=start)
         assert own.start_ns == max(start, 7)
 
 
@@ -362,7 +362,7 @@ def test_predicates_are_computed_where_both_are_left_out(tmp_path: Path) -> None
     own = facts_of(tmp_path)
     for ttf, safer in itertools.product((None, own.symbol.ttf), (None, own.symbol.safer)):
         own.symbol.ttf, own.symbol.safer = ttf, safer
-        assert own.computed is (ttf is None and safer is None)
+        assert own.is_computed is (ttf is None and safer is None)
 
 
 def test_what_is_read_is_told_apart_by_who_reads_it(tmp_path: Path) -> None:
@@ -403,7 +403,9 @@ def test_an_sc_that_is_no_source_reads_nothing_that_is_known(tmp_path: Path) -> 
 
 def test_numbers_of_a_module(facts: Facts) -> None:
     assert module_facts.const_value(facts, None) == 0
-    assert list(facts.cases()) == list(itertools.product((0, 1), (0, 1, 2), (2, 3, 4)))
+    assert list(facts.parameter_combinations()) == list(
+        itertools.product((0, 1), (0, 1, 2), (2, 3, 4))
+    )
 
 
 # ---------------------------------------------------------------- commands and maps
@@ -439,7 +441,7 @@ def test_a_map_is_stepped_as_often_as_it_steps(
     model = model_of(facts)
     _, states = model.new_terms()
     for members in ([0], [1], [0, 1], []):
-        boxes = case_model.other_ends(model, states, members)
+        boxes = case_model.ends_of_other_states(model, states, members)
         wanted = [k for k in range(2) if k not in members]
         assert list(boxes) == [states[k].atom for k in wanted]
         for k in wanted:
@@ -481,12 +483,12 @@ def test_rates_are_defined_or_somebody_looks(
 ) -> None:
     model = model_of(facts_with(tmp_path, ("der p = v;", f"der p = {rate};")))
     if fine:
-        case_check.require_rates(model, seen)
+        case_check.require_defined_rates(model, seen)
     else:
         with pytest.raises(NotRecheckedError, match="not defined everywhere"):
-            case_check.require_rates(model, seen)
+            case_check.require_defined_rates(model, seen)
 
 
 def test_of_a_map_every_cell_is_asked(tmp_path: Path) -> None:
     pairs = (*MAP[1:], ("der p = v;", "next p = 1.0 / v;"))
-    case_check.require_rates(model_of(facts_with(tmp_path, *pairs)), [])
+    case_check.require_defined_rates(model_of(facts_with(tmp_path, *pairs)), [])

@@ -95,7 +95,7 @@ def test_estimates_are_as_far_off_as_errors_are(tmp_path: Path) -> None:
     group = tables([1] * 4)
     for error in (0.0, 0.25, 1.5):
         model = model_with(tmp_path, error)
-        low, high = estimates_and_shield.estimates_around(model, group, LINE.box(((1, 3),)))
+        low, high = estimates_and_shield.estimates_around(model, group, LINE.box_of(((1, 3),)))
         assert low == pytest.approx(1.0 - error)
         assert high == pytest.approx(3.0 + error)
         if error:
@@ -139,9 +139,9 @@ def test_levels_hold_and_drift_by_what_is_behind_estimates(tmp_path: Path) -> No
 
 def test_a_state_that_no_topic_shows_is_anywhere_on_its_axis(tmp_path: Path) -> None:
     group, model = tables([1] * 4), model_with(tmp_path, 0.0)
-    assert estimates_and_shield.estimates_around(model, group, LINE.box(((1, 2),))) == (1.0, 2.0)
+    assert estimates_and_shield.estimates_around(model, group, LINE.box_of(((1, 2),))) == (1.0, 2.0)
     del model.facts.leaves[0]
-    assert estimates_and_shield.estimates_around(model, group, LINE.box(((1, 2),))) == (0.0, 4.0)
+    assert estimates_and_shield.estimates_around(model, group, LINE.box_of(((1, 2),))) == (0.0, 4.0)
 
 
 # ---------------------------------------------------------------- shields
@@ -157,20 +157,23 @@ class Control:
 def test_tables_of_a_shield_are_of_the_grid_and_the_command_cells() -> None:
     group = tables([1] * 4)
     good = np.array([[2, 2], [1, 0], [0, 2], [0, 0]], dtype=np.uint8)
-    assert estimates_and_shield.read_tops(good.tobytes(), group, 2).tolist() == good.tolist()
+    assert (
+        estimates_and_shield.read_shield_table(good.tobytes(), group, 2).tolist() == good.tolist()
+    )
     for row, fine in (([3, 0], False), ([1, 1], False), ([2, 1], False), ([1, 2], True)):
         wrong = good.copy()
         wrong[3] = row
         if fine:
             assert (
-                estimates_and_shield.read_tops(wrong.tobytes(), group, 2).tolist() == wrong.tolist()
+                estimates_and_shield.read_shield_table(wrong.tobytes(), group, 2).tolist()
+                == wrong.tolist()
             )
         else:
             with pytest.raises(RejectedError, match="names"):
-                estimates_and_shield.read_tops(wrong.tobytes(), group, 2)
+                estimates_and_shield.read_shield_table(wrong.tobytes(), group, 2)
     for data in (good.tobytes()[:-1], good.tobytes() + b"\0", b""):
         with pytest.raises(RejectedError, match="size"):
-            estimates_and_shield.read_tops(data, group, 2)
+            estimates_and_shield.read_shield_table(data, group, 2)
     assert [estimates_and_shield.command_edge(-1.0, 3.0, k, 4) for k in range(5)] == [
         -1.0,
         0.0,
@@ -254,7 +257,7 @@ def test_an_end_is_kept_where_the_rate_points_inwards_all_over_its_side(
 
         flow = SimpleNamespace(
             derivative_rows=rates,
-            rates=lambda found: [(min(found), max(found))],
+            rate_ranges=lambda found: [(min(found), max(found))],
             ranges=[(-1.0, 2.0)],
             compared=[False, False],
         )

@@ -8,7 +8,7 @@ import pytest
 
 import processes
 from generators import c_packages
-from soter.addons import by_name
+from soter.addons import load_module
 from soter.codegen.c_names import program_prefix
 from soter.native.compiler import WARNINGS, find_compiler
 from soter.targets.c99 import c99_package
@@ -234,7 +234,7 @@ def test_help_names_every_target(soter: Soter) -> None:
 
 def test_every_target_is_made_by_a_function() -> None:
     makers = [target.make.partition(":") for target in TARGETS.values()]
-    assert all(callable(getattr(by_name(module), name)) for module, _, name in makers)
+    assert all(callable(getattr(load_module(module), name)) for module, _, name in makers)
 
 
 def test_files_of_others_are_not_overwritten(soter: Soter, here: Path) -> None:

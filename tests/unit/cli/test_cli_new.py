@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.cli import new
-from soter.version import pip_install
+from soter.version import pip_command
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -28,7 +28,7 @@ def test_where_nothing_re_checks_it_says_first_what_to_install(
 ) -> None:
     monkeypatch.setattr(new, "find_spec", lambda _: None)
     steps = soter("new", "rover", "--json").document["commands"]
-    assert steps[0] == pip_install("prove")
+    assert steps[0] == pip_command("prove")
     assert steps[1].startswith("soter verify ")
 
 

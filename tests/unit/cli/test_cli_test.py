@@ -184,13 +184,13 @@ def test_what_the_interpreter_does_not_see_is_a_defect_of_soter(
 ) -> None:
     from soter.explore.engine import search
 
-    honest = search.Search.least
+    honest = search.Search.find_shortest_trace
 
     def lies(self: Any, *given: Any) -> Any:
         least = honest(self, *given)
         return replace(least, steps=least.steps[:-1])
 
-    monkeypatch.setattr(search.Search, "least", lies)
+    monkeypatch.setattr(search.Search, "find_shortest_trace", lies)
     done = soter("test", corridor, "--test", "Far", "--json")
     assert done.exit == 70
     assert done.codes == ["I001"]
@@ -219,7 +219,9 @@ def stop_before_the_least(monkeypatch: pytest.MonkeyPatch, **how: object) -> Non
     from soter.explore.engine import search
 
     monkeypatch.setattr(
-        search.Search, "least", lambda _, outcome, *__: replace(outcome, steps=(), **how)
+        search.Search,
+        "find_shortest_trace",
+        lambda _, outcome, *__: replace(outcome, steps=(), **how),
     )
 
 
@@ -301,7 +303,7 @@ def test_who_does_not_want_the_shortest_trace_gets_the_one_that_was_found(
 ) -> None:
     from soter.explore.engine import search
 
-    monkeypatch.delattr(search.Search, "least")
+    monkeypatch.delattr(search.Search, "find_shortest_trace")
     command = ("test", corridor, "--test", "Far", "--minimise", "0", "--strategy", "falsify")
     done = soter(*command)
     assert done.exit == 3

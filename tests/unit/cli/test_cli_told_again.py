@@ -253,7 +253,7 @@ def stored(here: Path, monkeypatch: pytest.MonkeyPatch) -> Mapping[Path, str]:
     files = [here / "main.soter", here / "other.soter"]
     for path in files:
         path.write_text(path.name)
-    contents = {path: store._sha256(str(path)) for path in files}
+    contents = {path: store._file_sha256(str(path)) for path in files}
     store.store_outcome("main.soter", ("a", "b"), contents, OUTCOME)
     return contents
 
@@ -307,7 +307,7 @@ def test_a_program_that_reads_another_file_by_now_is_found_under_its_own_list(
 ) -> None:
     more = here / "more.soter"
     more.write_text("x")
-    store.store_outcome("main.soter", ("a", "b"), {more: store._sha256(str(more))}, OUTCOME)
+    store.store_outcome("main.soter", ("a", "b"), {more: store._file_sha256(str(more))}, OUTCOME)
     assert told() is not None
     more.write_text("y")
     assert told() is None
@@ -319,14 +319,14 @@ def test_what_others_could_have_written_or_nobody_can_read_is_no_outcome(
 ) -> None:
     assert stored
     (entry,) = (here / "cache").glob(f"{store.NAME}-*")
-    listed = store._list_path("main.soter")
+    listed = store._file_list_path("main.soter")
     listed.chmod(0o666)
     assert told() is None
     listed.chmod(0o600)
     assert told() is not None
     listed.write_text("[")
     assert told() is None
-    store._write_list("main.soter", [str(p) for p in stored])
+    store._write_file_list("main.soter", [str(p) for p in stored])
     assert told() is not None
     (entry / store.FILE).write_text("{}")
     assert told() is None, "its seal is broken"

@@ -93,7 +93,7 @@ def word(known: Option, value: str | None = None) -> list[str]:
     if last.startswith("--"):
         return [last]
     if value is None:
-        others = [n for n in known.kind.names if n != known.given]
+        others = [n for n in known.kind.names if n != known.default]
         text = known.kind.text if isinstance(known.kind.text, str) else ""
         of_kind = {"whole": "2", "bound": "2", "seed": "2", "seconds": "2s"}
         value = others[0] if others else of_kind.get(text, "2")
@@ -120,7 +120,7 @@ def fulfilling(need: str, options: dict[str, Option]) -> list[str]:
 def required(record: type) -> list[str]:
     """The words without which the command has no line."""
     options = options_of(record).values()
-    needed = [o for o in options if o.given is ... or o.flags == "LOG..."]
+    needed = [o for o in options if o.default is ... or o.flags == "LOG..."]
     return [w for o in needed for w in word(o, "no/such")]
 
 
@@ -232,7 +232,7 @@ def test_a_keyword_of_a_method_without_a_record_is_refused_likewise(
 @pytest.mark.parametrize("record", [RunOptions, SearchOptions])
 def test_a_keyword_with_its_default_is_as_one_that_is_left_out(record: Any) -> None:
     """A function of somebody's own may hand on all of them."""
-    defaults = {n: o.given for n, o in options_of(record, keyword=True).items()}
+    defaults = {n: o.default for n, o in options_of(record, keyword=True).items()}
     assert make_record(record, defaults) == make_record(record, {})
     if record is SearchOptions:
         assert make_record(record, {**defaults, "strategy": "random"}).strategy == "random"

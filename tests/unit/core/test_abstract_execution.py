@@ -72,7 +72,7 @@ class PossibleValues(Execution["Values"]):
         self.inputs = inputs
         self.where = ()
 
-    def _operation(self, e: core.Expr, *operands: Values) -> Values:
+    def _operation_value(self, e: core.Expr, *operands: Values) -> Values:
         if isinstance(e, core.Const):
             return frozenset({e.value})
         if isinstance(e, core.Get):
@@ -81,26 +81,26 @@ class PossibleValues(Execution["Values"]):
             return operands[1] | operands[2]
         return frozenset(_value(e, *given) for given in product(*operands))
 
-    def _known(self, condition: Values) -> bool | None:
+    def _decided_truth(self, condition: Values) -> bool | None:
         return next(iter(condition)) if len(condition) == 1 else None
 
-    def _reached(self, where: Any, _: Values, truth: bool) -> Any:
+    def _where_in_side(self, where: Any, _: Values, truth: bool) -> Any:
         return (*where, truth)
 
-    def _join(self, _: Values, *where: Any) -> Join[Values]:
+    def _join_function(self, _: Values, *where: Any) -> Join[Values]:
         assert [path[-1] for path in where] == [True, False]
         return lambda a, b, _t: (a or frozenset()) | (b or frozenset())
 
-    def _checked(self, s: core.Checked, operands: list[Values], _: Values | None) -> Values:
+    def _checked_value(self, s: core.Checked, operands: list[Values], _: Values | None) -> Values:
         return frozenset(INTS[s.op](*given) for given in product(*operands))
 
-    def _choose(self, s: core.Choose) -> Values:
+    def _chosen_value(self, s: core.Choose) -> Values:
         raise NotImplementedError
 
     def _guard(self, condition: Values) -> None:
         raise NotImplementedError
 
-    def _changed(
+    def _with_part(
         self, s: core.Set | core.Push, old: Values, path: list[int | Values], value: Values
     ) -> Values:
         if not path:

@@ -9,7 +9,7 @@ import pytest
 
 from soter.api import load
 from soter.codegen import c_tree as c
-from soter.codegen.conditions import callees, conditions_of, unshown, watching
+from soter.codegen.conditions import conditions_of, functions_called, watching, why_unshown
 from soter.codegen.unit import generate
 from soter.simulate.run import NativeProgram
 
@@ -49,7 +49,7 @@ def test_a_run_shows_what_it_evaluated() -> None:
     with watching() as seen:
         NativeProgram(flat).run(10_000_000_000, 1)
         shown = seen()
-    why = {text: unshown(shown[x.key[:2]], x.key[2]) for text, x in at.items()}
+    why = {text: why_unshown(shown[x.key[:2]], x.key[2]) for text, x in at.items()}
     assert why["ttf"] == why["mode == SOTER_AC"] == ""
     assert why["gate_fault"] == "never true"
     assert why["clean"] == "never false"
@@ -91,7 +91,7 @@ def test_a_condition_is_covered_where_it_alone_changes_the_outcome(
         true = sum(1 << k for k, letter in enumerate(row) if letter == "T")
         outcome = "T" in row if decision == "or" else "F" not in row
         vectors.add((seen, true, outcome))
-    assert tuple(unshown(vectors, k) for k in range(2)) == said
+    assert tuple(why_unshown(vectors, k) for k in range(2)) == said
 
 
 def test_two_conditions_that_change_together_cover_neither() -> None:
@@ -100,8 +100,11 @@ def test_two_conditions_that_change_together_cover_neither() -> None:
     for a, b, d in product((False, True), repeat=3):
         seen = 1 if not a else 3 if b else 7
         vectors.add((seen, (a + 2 * b + 4 * d) & seen, a and (b or d)))
-    assert [unshown(vectors, k) for k in range(3)] == ["", "", ""]
-    assert unshown({(7, 7, True), (7, 1, False)}, 1) == "true and false, but it never decided alone"
+    assert [why_unshown(vectors, k) for k in range(3)] == ["", "", ""]
+    assert (
+        why_unshown({(7, 7, True), (7, 1, False)}, 1)
+        == "true and false, but it never decided alone"
+    )
 
 
 def test_functions_are_reached_over_calls_and_over_names() -> None:
@@ -114,5 +117,5 @@ def test_functions_are_reached_over_calls_and_over_names() -> None:
         "c": f("c", c.Return(A)),
         "d": f("d", c.Return(c.CallExpr("a", ()))),
     }
-    assert callees(functions, ["b", "absent"]) == {"b", "c", "a"}
-    assert callees({n: functions[n] for n in "bcd"}, ["c"]) == {"c"}
+    assert functions_called(functions, ["b", "absent"]) == {"b", "c", "a"}
+    assert functions_called({n: functions[n] for n in "bcd"}, ["c"]) == {"c"}

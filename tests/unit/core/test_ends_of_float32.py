@@ -96,8 +96,8 @@ def test_how_far_beyond_an_end_is_that_end(end: float) -> None:
     with np.errstate(over="ignore"):
         single = float(np.float32(end))
     beyond = single if math.isfinite(single) and single > end else end
-    assert Bound(-end, end).singles == (-beyond, beyond)
-    assert Bound(end, 2.0 * end).singles[0] == (min(end, single))
+    assert Bound(-end, end).float32_ends == (-beyond, beyond)
+    assert Bound(end, 2.0 * end).float32_ends[0] == (min(end, single))
 
 
 def test_a_remote_value_is_taken_alike() -> None:

@@ -22,7 +22,7 @@ from soter.core.layout import (
     Fixed,
     decode_from,
     encode_into,
-    group_field,
+    field_name_of_group,
     lay_out,
     numpy_dtype,
     scalar,
@@ -250,7 +250,7 @@ def test_numpy_sees_the_state_by_the_names_of_the_program(lowered: Lowered) -> N
     program_layout = state_layout(system)
     dtype = state_dtype(program_layout)
     assert dtype.itemsize == program_layout.size
-    assert [group_field(g) for g in program_layout.groups] == ["topics", "p", "header_"]
+    assert [field_name_of_group(g) for g in program_layout.groups] == ["topics", "p", "header_"]
     raw = np.zeros(program_layout.size, dtype=np.uint8)
     offset, t = program_layout.member(1, 1)
     image = bytearray(size_of(t))

@@ -137,12 +137,12 @@ def _sb3(folder: Path, gain: float) -> None:
 
 def _statistics(folder: Path, gain: float) -> None:
     """The same zip, other statistics of observations."""
-    from soter.policy.sb3_statistics import _read_state, _statistics_layer
+    from soter.policy.sb3_statistics import _statistics_layer, _vecnormalize_state
 
     _program(folder, node=EXTERN % "sb3:policy.zip:norm.pkl")
     shutil.copy(FILES / "ppo.zip", folder / "policy.zip")
     pickled_file = FILES / "ppo_vecnormalize.pkl"
-    known = _statistics_layer(pickled_file, _read_state(pickled_file), ())
+    known = _statistics_layer(pickled_file, _vecnormalize_state(pickled_file), ())
     mean = known.mean.tobytes()
     pickled = pickled_file.read_bytes()
     assert pickled.count(mean) == 1

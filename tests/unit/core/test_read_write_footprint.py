@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.core import core
-from soter.core.core_walks import walk, written_names, written_topics
+from soter.core.core_walks import cells_of_publication, walk, written_names
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -64,7 +64,7 @@ def test_a_node_writes_the_locals_it_sets_and_all_it_publishes_with_its_queues(
     queue = next(t for t in system_pair[0].topics if t.queue_of is not None)
     assert topics(system_pair[0], writes) == {"out", "rest", queue.name}
     out = system_pair[0].topic("out").index
-    assert [c.owner for c in written_topics(system_pair[0], out)] == [out, queue.index]
+    assert [c.owner for c in cells_of_publication(system_pair[0], out)] == [out, queue.index]
 
 
 def test_the_reader_of_a_queue_reads_and_empties_it_and_sees_its_loss(lowered: Lowered) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import get_args
 
 from generators.file_listing import files_below
-from soter.diagnostics.codes import Code, all_codes, explain, suggestions, title
+from soter.diagnostics.codes import Code, all_codes, explain, similar_codes, title
 from soter.diagnostics.diagnostic import Diagnostics, Source
 from soter.language.syntax.parsing.parser import parse
 from tables import all_rows
@@ -62,8 +62,8 @@ def test_pages_are_found_in_any_letter_case() -> None:
 def test_unknown_code_has_no_page_but_suggestions() -> None:
     assert explain("S0004") is None
     assert title("nonsense") is None
-    assert "S004" in suggestions("S0004")
-    assert suggestions("\x00" * 1000) == []
+    assert "S004" in similar_codes("S0004")
+    assert similar_codes("\x00" * 1000) == []
 
 
 def test_codes_come_in_order() -> None:

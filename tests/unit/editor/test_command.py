@@ -107,7 +107,7 @@ def test_a_program_may_end_anywhere(name: str) -> None:
             loaded, index = documents.parsed_names(document)
             main = loaded.main
             completion_items(part, end, main, index, document.good_index)
-            symbols.outline(main, documents.lines(main.source))
+            symbols.document_symbols(main, documents.lines(main.source))
             for use in index.uses_in(main.source):
                 if abs(use.span.start - end) < STEP:
                     assert hover_text(use.definition, document.good)

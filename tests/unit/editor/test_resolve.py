@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.diagnostics.diagnostic import Diagnostics
-from soter.editor.hover import head
+from soter.editor.hover import declaration_head
 from soter.editor.language_words import word_meaning
 from soter.editor.name_resolution import index_of
 from soter.language.front_end import check_file
@@ -107,7 +107,7 @@ def test_a_field_that_no_type_declares_is_declared_where_it_is_written(tmp_path:
         assert use.definition.span.start == text.index(declared)
     way = index.use_at(source, text.index("way"))
     assert way is not None
-    assert head(way.definition) == "(let) way: { x: float, up: { y: float } }"
+    assert declaration_head(way.definition) == "(let) way: { x: float, up: { y: float } }"
 
 
 def test_names_in_rest_lead_to_what_they_mean(tmp_path: Path) -> None:
@@ -153,7 +153,7 @@ def test_a_field_of_an_element_is_found_where_the_array_is_written_without_a_typ
     assert use.definition.span.start == text.index("x: float")
     both = index.use_at(source, text.index("both"))
     assert both is not None
-    assert head(both.definition) == "(let) both: Place[2]"
+    assert declaration_head(both.definition) == "(let) both: Place[2]"
 
 
 def test_names_in_and_behind_the_indices_of_a_path_lead_to_what_they_mean(tmp_path: Path) -> None:

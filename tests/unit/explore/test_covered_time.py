@@ -73,14 +73,14 @@ class Whole:
         assert exploration.covered_ns >= self.horizon
         self.states = exploration.states
         self.keys, self.times = self.kept()
-        configurations = self.engine.configurations()
+        configurations = self.engine.stored_configurations()
         first = self.at + 8 * (1 + int(self.engine.model.timeds) + int(program.modules))
         done = configurations[:, first : first + 4 * len(self.engine.actors)].copy().view(np.uint32)
         self.steps: npt.NDArray[np.int64] = done.sum(axis=1, dtype=np.int64)
 
     def kept(self) -> tuple[npt.NDArray[np.void], npt.NDArray[np.int64]]:
         """Of the configurations that the last search stored: bytes and times, (states,) each."""
-        configurations = np.ascontiguousarray(self.engine.configurations())
+        configurations = np.ascontiguousarray(self.engine.stored_configurations())
         times = configurations[:, self.at : self.at + 8].copy().view(np.int64)[:, 0]
         return configurations.view(np.dtype((np.void, configurations.shape[1])))[:, 0], times
 
@@ -126,7 +126,7 @@ def test_a_layer_that_was_cut_short_is_not_covered(tmp_path: Path) -> None:
     result = soter.load(path).explore(reduction="none")["T"]
     assert (result.bound, result.depth) == (CHOICES, 2)
     assert result.covered_ns == 0
-    assert result.covered == "no part of 50 ms was covered in all executions"
+    assert result.covered_text == "no part of 50 ms was covered in all executions"
 
 
 def test_breadth_first_covers_as_much_as_there_is(whole: Whole) -> None:
@@ -145,7 +145,7 @@ def test_a_search_without_memory_says_what_it_covered(tmp_path: Path) -> None:
     assert result.covered_ns is not None
     assert 10 * MS <= result.covered_ns < 900 * MS
     told = f"all executions were covered before {result.covered_ns / MS:g} ms of 900 ms"
-    assert result.covered == told
+    assert result.covered_text == told
 
 
 def test_progress_tells_the_covered_time(tmp_path: Path) -> None:
@@ -168,16 +168,16 @@ def test_bounds_of_a_search_that_ended_say_so(tmp_path: Path) -> None:
     program = soter.load(path)
     ended = program.explore()["T"]
     assert (ended.bound, ended.covered_ns, ended.short_of) == (SAMPLED, 40 * MS, None)
-    assert ended.covered == "but for that, all executions up to 40 ms were covered"
+    assert ended.covered_text == "but for that, all executions up to 40 ms were covered"
     cut = program.explore(max_states=2000)["T"]
     assert (cut.bound, cut.short_of) == (STATES, SAMPLED)
-    assert "of 40 ms; also, a continuum is sampled" in cut.covered
+    assert "of 40 ms; also, a continuum is sampled" in cut.covered_text
     drawn = program.explore(strategy="random", runs=10)["T"]
-    assert (drawn.covered_ns, drawn.covered) == (None, "")
+    assert (drawn.covered_ns, drawn.covered_text) == (None, "")
 
 
 def test_a_clean_test_is_covered_to_its_horizon(tmp_path: Path) -> None:
     path = tmp_path / "wide.soter"
     path.write_text(WIDE, encoding="utf-8")
     result = soter.load(path).explore()["T"]
-    assert (result.verdict, result.covered_ns, result.covered) == (EXHAUSTED, 70 * MS, "")
+    assert (result.verdict, result.covered_ns, result.covered_text) == (EXHAUSTED, 70 * MS, "")

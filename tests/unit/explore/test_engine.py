@@ -68,7 +68,7 @@ def greedy() -> Engine:
 
 
 def packed(engine: Engine, exploration: Searched) -> set[bytes]:
-    words = {engine.pack(w).tobytes() for w in engine.configurations()}
+    words = {engine.pack(w).tobytes() for w in engine.stored_configurations()}
     assert len(words) == exploration.states
     return words
 
@@ -107,7 +107,7 @@ def test_a_violation_comes_with_a_trace_that_can_be_run_again(greedy: Engine) ->
     assert (possible, broken) == (len(exploration.steps), exploration.broken)
     assert configurations.shape == (possible, greedy.configuration_size)
     assert exploration.broken is not None
-    least = greedy.least(EngineSettings(), exploration.broken)
+    least = greedy.find_shortest_trace(EngineSettings(), exploration.broken)
     assert least.status == "violated"
     assert len(least.steps) <= len(exploration.steps)
     assert greedy.replay(least.steps)[1] == exploration.broken
@@ -130,13 +130,13 @@ test T { system S; horizon 30ms; never n == 7 && time > 0.025; }
     progress = engine.ffi.new("soter_explore_progress *")
     result = engine.ffi.new("soter_explore_result *")
     trace = engine.ffi.new("soter_trace_step[]", STEPS_MAX)
-    options = engine.options(EngineSettings(max_states=300))
+    options = engine.option_struct(EngineSettings(max_states=300))
     engine.lib.soter_explore_least(
         engine.model, options, what[0], progress, result, trace, STEPS_MAX
     )
     assert engine._read_result(result, trace, 0.0).status == "states"
     assert 300 <= progress.states < 300 + 256
-    assert engine.least(EngineSettings(), met.broken).status == "violated"
+    assert engine.find_shortest_trace(EngineSettings(), met.broken).status == "violated"
 
 
 def test_a_trace_that_is_no_execution_stops_where_it_leaves_the_test(greedy: Engine) -> None:
@@ -178,9 +178,9 @@ def test_bounds_end_a_search(two: Engine) -> None:
 
 def test_configurations_are_kept_only_where_asked_for(two: Engine) -> None:
     exploration = two.explore(EngineSettings(max_states=1_000, keep=True))
-    assert len(two.configurations()) == exploration.states
+    assert len(two.stored_configurations()) == exploration.states
     two.explore(EngineSettings(max_states=1_000))
-    assert len(two.configurations()) == 0
+    assert len(two.stored_configurations()) == 0
 
 
 def test_coverage_says_what_stepped_and_what_was_published(two: Engine) -> None:

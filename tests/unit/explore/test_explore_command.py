@@ -81,13 +81,13 @@ def test_what_the_interpreter_does_not_see_is_not_reported(
 ) -> None:
     from soter.explore.engine import search
 
-    honest = search.Search.least
+    honest = search.Search.find_shortest_trace
 
     def lies(self: search.Search, outcome: search.Found, patience_s: float) -> search.Found:
         least = honest(self, outcome, patience_s)
         return replace(least, steps=(*least.steps, least.steps[-1]))
 
-    monkeypatch.setattr(search.Search, "least", lies)
+    monkeypatch.setattr(search.Search, "find_shortest_trace", lies)
     with pytest.raises(UnreproducedError, match="does not reproduce") as error:
         explored(FAULTS, "Overflows")
     assert error.value.trace.test == "Overflows"
@@ -127,7 +127,7 @@ def test_ctrl_c_while_a_trace_is_looked_for_does_not_go_on_minimising(
         return replace(honest(self), stopped="interrupted", steps=())
 
     monkeypatch.setattr(search.Search, "run", cut)
-    monkeypatch.delattr(search.Search, "least")
+    monkeypatch.delattr(search.Search, "find_shortest_trace")
     test_result = explored(FAULTS, "Overflows")
     assert (test_result.verdict, test_result.bound, test_result.unshown) == (
         "violated",

@@ -165,7 +165,7 @@ def test_a_verdict_says_that_it_holds_for_ever() -> None:
     )
     assert (result.verdict, result.covered_ns) == ("exhausted", 2000 * MS)
     assert result.closed_ns is not None
-    assert "it holds for ever" in result.for_ever
+    assert "it holds for ever" in result.for_ever_clause
     assert any(line.startswith("said of all times") for line in result.assumptions)
     assert not any("nothing is said about times after" in line for line in result.assumptions)
     short = explore_test(
@@ -173,5 +173,5 @@ def test_a_verdict_says_that_it_holds_for_ever() -> None:
         SearchOptions(),
         TraceHeader("counts.soter", {}),
     )
-    assert (short.closed_ns, short.for_ever) == (None, "")
+    assert (short.closed_ns, short.for_ever_clause) == (None, "")
     assert any("nothing is said about times after" in line for line in short.assumptions)

@@ -75,7 +75,7 @@ def test_where_a_step_breaks_a_contract_the_middle_of_its_instant_is_not_stored(
     stored = []
     for go_on in (True, False):
         assert engine.explore(replace(how, keep=True, go_on=go_on)).status == "violated"
-        stored.append({w.tobytes() for w in engine.configurations()})
+        stored.append({w.tobytes() for w in engine.stored_configurations()})
     assert stored[1] <= stored[0]
 
 
@@ -98,7 +98,7 @@ def test_groups_give_the_ends_that_steps_give() -> None:
     for reduction in ("instants", "groups", "all"):
         how = EngineSettings(reduction=reduction, keep=True)
         assert engine.explore(how).status == "exhausted"
-        configuration_sets.append({w.tobytes() for w in engine.configurations()})
+        configuration_sets.append({w.tobytes() for w in engine.stored_configurations()})
     assert configuration_sets[0] == configuration_sets[1] == configuration_sets[2]
 
 
@@ -132,7 +132,7 @@ def test_what_a_broken_contract_leaves_in_the_middle_is_not_stored(reduction: st
     exploration = engine.explore(EngineSettings(reduction=reduction, keep=True))
     assert exploration.status == "violated"
     decoder = Decoder(judge, engine.plan)
-    configurations = [decoder.world(w.tobytes()) for w in engine.configurations()]
+    configurations = [decoder.world(w.tobytes()) for w in engine.stored_configurations()]
     assert all(w.c.ct < 0 or judge.observable(w) for w in configurations)
 
 
@@ -180,8 +180,8 @@ def test_a_search_that_goes_the_same_ways_again_and_again_says_what_else_there_i
     path.write_text(CHAIN)
     [test_result] = load(path).explore("End").tests
     dear = replace(test_result, states=10, transitions=10_000, seconds=3.0)
-    assert "took 1,000 transitions" in dear.dear
-    assert "--reduction ample" in dear.dear
-    assert not replace(dear, transitions=500).dear
-    assert not replace(dear, seconds=0.5).dear
-    assert not replace(dear, options=SearchOptions(reduction="ample")).dear
+    assert "took 1,000 transitions" in dear.slow_search_note
+    assert "--reduction ample" in dear.slow_search_note
+    assert not replace(dear, transitions=500).slow_search_note
+    assert not replace(dear, seconds=0.5).slow_search_note
+    assert not replace(dear, options=SearchOptions(reduction="ample")).slow_search_note

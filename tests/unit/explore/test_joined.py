@@ -52,7 +52,7 @@ BOTH = "horizon 60ms; always a <= 9; "
 def test_parts_are_the_sum_and_not_the_product() -> None:
     engine = engine_of(walkers(BOTH + "always a < 9 || b < 3 || p < 9;"))
     whole = engine.explore(EngineSettings())
-    explorations = ComposedSearch(engine, EngineSettings(), None).run(math.inf)
+    explorations = ComposedSearch(engine, EngineSettings(), None).search_parts(math.inf)
     assert explorations is not None
     assert [f.status for f in explorations] == ["exhausted"] * 3
     assert whole.status == "exhausted"
@@ -79,7 +79,7 @@ def test_a_combination_is_violated_iff_it_is_reached_at_one_time(
     engine = engine_of(walkers(f"{BOTH} {joint};"))
     assert engine.explore(EngineSettings()).status == ("violated" if broken else "exhausted")
     assert ComposedSearch.can_search(engine, EngineSettings())
-    explorations = ComposedSearch(engine, EngineSettings(), None).run(math.inf)
+    explorations = ComposedSearch(engine, EngineSettings(), None).search_parts(math.inf)
     assert explorations is not None
     assert explorations[-1].status == ("violated" if broken else "exhausted")
     if broken:
@@ -90,7 +90,7 @@ def test_a_combination_is_violated_iff_it_is_reached_at_one_time(
 
 def test_a_violation_of_one_part_alone_comes_first() -> None:
     engine = engine_of(walkers("horizon 60ms; always a <= 3; always a < 9 || b < 3;"))
-    explorations = ComposedSearch(engine, EngineSettings(), None).run(math.inf)
+    explorations = ComposedSearch(engine, EngineSettings(), None).search_parts(math.inf)
     assert explorations is not None
     assert explorations[-1].broken == (0, 0)
     possible, broken, _ = engine.replay(explorations[-1].steps)
@@ -125,7 +125,7 @@ def test_with_several_starts_nothing_is_joined() -> None:
     load = walkers(test).replace("next s", "state load: float in [0.0, 1.0];\n  next s")
     engine = engine_of(load)
     assert ComposedSearch.can_search(engine, EngineSettings())
-    assert ComposedSearch(engine, EngineSettings(), None).run(math.inf) is None
+    assert ComposedSearch(engine, EngineSettings(), None).search_parts(math.inf) is None
 
 
 @pytest.mark.parametrize(

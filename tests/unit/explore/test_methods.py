@@ -74,7 +74,7 @@ def test_the_page_about_python_says_what_the_options_say(record: type, method: A
     options = options_of(record, keyword=True)
     assert [(n, words) for n, _, words in lines] == [(n, o.meaning) for n, o in options.items()]
     for name, value, _ in lines:
-        assert name in CHOSEN or ast.literal_eval(value) == options[name].given, name
+        assert name in CHOSEN or ast.literal_eval(value) == options[name].default, name
 
 
 @pytest.mark.parametrize(("record", "keywords", "method", "parser"), RECORDS)

@@ -159,7 +159,7 @@ def test_an_invariant_is_judged_for_two_periods_of_its_module(rich: Engine) -> N
 
 def test_every_stored_configuration_comes_back(engine: Engine) -> None:
     engine.explore(EngineSettings(max_states=5_000, keep=True))
-    configurations = engine.configurations()
+    configurations = engine.stored_configurations()
     assert len(configurations) > 1_000
     scratch = born(engine)
     packed = set()

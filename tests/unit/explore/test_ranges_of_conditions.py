@@ -70,7 +70,7 @@ def test_what_holds_for_all_values_holds_for_each(chunk: int) -> None:
         open_ += not always and not never
         if not always and not never:
             continue
-        judge = Evaluator.of(p.scope).expression(p.condition)
+        judge = Evaluator.for_scope(p.scope).compiled(p.condition)
         for env in environments(system, dice):
             try:
                 assert judge(env) == always, (text, env.topics)

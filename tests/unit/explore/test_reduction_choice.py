@@ -12,7 +12,7 @@ from generators.small_test_programs import small_program
 from long_tests import examples, seed_of
 from soter.explore.engine import reductions
 from soter.explore.engine.explorer_library import Engine, EngineSettings, Searched
-from soter.explore.engine.reductions import explore_by_quicker, may_choose
+from soter.explore.engine.reductions import explore_by_quicker, may_pick_reduction
 from soter.language.front_end import check_file, system_of_test
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -84,8 +84,8 @@ def test_what_ends_show_counts_though_the_larger_search_came_further(
     ids=str,
 )
 def test_whoever_asks_for_something_gets_it(asked: dict[str, object]) -> None:
-    assert may_choose(DEFAULT)
-    assert not may_choose(replace(DEFAULT, **asked))  # type: ignore[arg-type]
+    assert may_pick_reduction(DEFAULT)
+    assert not may_pick_reduction(replace(DEFAULT, **asked))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("threads", [2, 3])
@@ -113,7 +113,7 @@ def test_threads_change_nothing_of_the_choice(
 def test_random_programs_are_told_the_same_either_way(
     seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(reductions, "RUN", 1)  # nothing ends in the beginnings
+    monkeypatch.setattr(reductions, "TRIAL_STEPS", 1)  # nothing ends in the beginnings
     make = program_in_instants if seed % 2 else small_program
     checked = check_file("random.soter", make(seed_of(seed)))
     if not checked.ok:

@@ -56,7 +56,7 @@ def test_steps_remembered_with_their_times_reach_the_configurations_of_steps_tha
         how = EngineSettings(reduction="none", keep=True, go_on=True, plainly=plainly)
         search = engine.explore(how)
         assert search.status in {"exhausted", "violated"}
-        configurations = {engine.pack(w).tobytes() for w in engine.configurations()}
+        configurations = {engine.pack(w).tobytes() for w in engine.stored_configurations()}
         assert len(configurations) == search.states
         outcome_by_mode[plainly] = (search.status, configurations, search.transitions)
     assert outcome_by_mode[False][:2] == outcome_by_mode[True][:2]

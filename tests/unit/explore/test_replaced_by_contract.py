@@ -210,10 +210,12 @@ def test_the_summary_names_a_test_that_was_asked_for_a_contract_and_is_not_clean
     report = load(path).explore()
     assert [t.verdict for t in report.tests] == ["exhausted", "violated"]
     assert report.tests[0].contracts == {"watch": ["WatchAlone"]}
-    assert report.unsettled(report.tests[0]).startswith("but `WatchAlone`, asked for a contract")
+    assert report.unclean_contracts_note(report.tests[0]).startswith(
+        "but `WatchAlone`, asked for a contract"
+    )
     path.write_text((LIAR % ("Honest", "S", "")).replace("= MAX; }", "= 1; }"))
     report = load(path).explore()
-    assert not report.unsettled(report.tests[0])
+    assert not report.unclean_contracts_note(report.tests[0])
 
 
 def test_a_clause_that_cannot_be_judged_is_not_said_to_be_a_fault_of_the_node(

@@ -73,7 +73,9 @@ def costs(search: Search, outcome: Found, steps: tuple[object, ...]) -> Cost:
     """What a trace costs; it violates what was found."""
     assert outcome.broken is not None
     raw = steps_to_array([search._raw_step(s) for s in steps])  # type: ignore[arg-type]
-    made = Guided(search._engine, search._settings.seed, outcome.broken).run(raw, len(raw))
+    made = Guided(search._engine, search._settings.seed, outcome.broken).execute_along(
+        raw, len(raw)
+    )
     assert made.violates
     assert array_to_steps(made.steps) == array_to_steps(raw)
     return execution_cost(made)
@@ -124,7 +126,7 @@ def test_what_is_shrunk_is_not_larger_and_nearly_least(text: str) -> None:
         with search:
             if outcome.status != "violated":
                 continue
-            shrunk, least = search.shrink(outcome, 60.0), search.least(outcome, 60.0)
+            shrunk, least = search.shrink(outcome, 60.0), search.find_shortest_trace(outcome, 60.0)
             assert shrunk is not None
             least_cost = costs(search, outcome, least.steps)
             cost = costs(search, outcome, shrunk.steps)
@@ -150,7 +152,7 @@ def test_shrunk_traces_of_random_programs_replay_and_violate_the_same(chunk: int
             cost, before = (costs(search, outcome, f.steps) for f in (shrunk, outcome))
             assert cost <= before
             shrunk_some += cost < before
-            least = search.least(outcome, 60.0)
+            least = search.find_shortest_trace(outcome, 60.0)
             if least.status == "violated":
                 assert costs(search, outcome, least.steps)[:3] <= cost[:3]
         result = explore_test(system, replace(search.options, minimise=0.0), TOLD)
@@ -169,7 +171,7 @@ def test_time_ends_shrinking_with_the_best_until_then() -> None:
 
 
 def test_ctrl_c_ends_shrinking_with_the_best_until_then(monkeypatch: pytest.MonkeyPatch) -> None:
-    honest, calls = Guided.run, []
+    honest, calls = Guided.execute_along, []
 
     def cut(self: Guided, *given: object) -> object:
         calls.append(1)
@@ -177,7 +179,7 @@ def test_ctrl_c_ends_shrinking_with_the_best_until_then(monkeypatch: pytest.Monk
             raise KeyboardInterrupt
         return honest(self, *given)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(Guided, "run", cut)
+    monkeypatch.setattr(Guided, "execute_along", cut)
     system = system_of_text(CART, "Drifts")
     options = replace(SearchOptions(), strategy="random", seed=3)
     test_result = explore_test(system, options, TOLD)
@@ -194,4 +196,4 @@ def test_what_violates_something_else_is_not_taken() -> None:
         other = Guided(search._engine, 1, (outcome.broken[0], outcome.broken[1] + 1))
         raw: Steps = steps_to_array([search._raw_step(s) for s in outcome.steps])
         shrinker = Shrinker(other, search._engine.actors, deadline_s=time.perf_counter() + 60)
-        assert shrinker.run(raw) is None
+        assert shrinker.shrink(raw) is None

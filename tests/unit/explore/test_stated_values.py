@@ -8,7 +8,7 @@ import pytest
 
 from soter.diagnostics.diagnostic import SoterError
 from soter.explore import assumptions, command
-from soter.explore.results import wholes
+from soter.explore.results import wholes_by_parts
 from soter.explore.search_options import SearchOptions
 from soter.language.front_end import check_file, system_of_test
 
@@ -104,7 +104,7 @@ READS = "sqrt(a.y) > 1.0 ? 1 : 0"
 def test_who_runs_as_it_is_is_held_to_the_values() -> None:
     right = explored(READS, "guarantees a.y in { 0.5, 1.0, 1.5 };", "always true;")
     assert {r.verdict for r in right.values()} == {"exhausted"}
-    (whole,) = wholes(right.values())
+    (whole,) = wholes_by_parts(right.values())
     assert not whole.missing
     assert "Nothing is assumed" in whole.text
     wrong = explored(READS, "guarantees a.y in { 0.5, 1.0 };", "always true;")
@@ -114,7 +114,7 @@ def test_who_runs_as_it_is_is_held_to_the_values() -> None:
     assert wrong["AsItIs"].broken.text.startswith(
         "guarantees a.y in { 0.5, 1.0 }, as Replaced has it"
     )
-    (whole,) = wholes(wrong.values())
+    (whole,) = wholes_by_parts(wrong.values())
     assert whole.missing
 
 
@@ -127,7 +127,7 @@ def test_values_that_are_assumed_are_asked_where_their_publisher_runs() -> None:
     assert (
         wrong["AsItIs"].broken.text == "guarantees a.y in { 0.5 }, as Replaced assumes it, in Maker"
     )
-    (whole,) = wholes(wrong.values())
+    (whole,) = wholes_by_parts(wrong.values())
     assert whole.missing
     right = explored(READS, "assumes a.y in { 0.5, 1.0, 1.5 };", "always true;")
     assert {r.verdict for r in right.values()} == {"exhausted"}
@@ -135,7 +135,7 @@ def test_values_that_are_assumed_are_asked_where_their_publisher_runs() -> None:
         "alone: that it publishes no other is asked by `AsItIs`" in s
         for s in right["Replaced"].assumptions
     )
-    (whole,) = wholes(right.values())
+    (whole,) = wholes_by_parts(right.values())
     assert not whole.missing
 
 
@@ -145,7 +145,7 @@ def test_values_that_no_test_asks_for_are_an_assumption() -> None:
     told = [s for s in results["Replaced"].assumptions if "a.y in { 0.5 } alone" in s]
     assert len(told) == 1
     assert told[0].endswith("do no harm is assumed")
-    (whole,) = wholes(results.values())
+    (whole,) = wholes_by_parts(results.values())
     assert whole.missing == (
         "Maker is replaced by its contract and runs as it is in no test that is asked",
     )
@@ -170,7 +170,7 @@ def test_who_the_system_puts_in_a_place_is_held_to_the_values_and_who_a_test_doe
     text = text.replace("system S {", WILD)
     by_test = text.replace("replace Reader by", "replace Maker by Wild; replace Reader by")
     assert every_test(by_test)["AsItIs"].verdict == "exhausted"
-    (whole,) = wholes(every_test(by_test).values())
+    (whole,) = wholes_by_parts(every_test(by_test).values())
     assert whole.missing
     by_system = text.replace("node Reader; }", "node Reader; replace Maker by Wild; }")
     assert every_test(by_system)["AsItIs"].verdict == "violated"

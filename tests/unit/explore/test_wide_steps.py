@@ -114,7 +114,7 @@ def test_the_answers_of_a_long_step_are_counted_while_they_are_tried() -> None:
 
 def test_the_least_trace_of_a_step_that_never_ends_is_given_up() -> None:
     engine = Engine(system_of_text(choosing(70, 3), "Broken"))
-    assert engine.least(EngineSettings(), (0, 0), None, 0.3).status == "stopped"
+    assert engine.find_shortest_trace(EngineSettings(), (0, 0), None, 0.3).status == "stopped"
 
 
 @pytest.mark.parametrize(("text", "test"), [(choosing(70, 3), "Broken"), (GUARANTEE, "T")])

@@ -90,7 +90,7 @@ def test_a_run_of_the_program_is_the_same_run_with_agent_and_plant_outside() -> 
     trace = run.require_trace()
     instant = 0
     while instant < len(trace) - 1:
-        asked = session.component_that_is_due()
+        asked = session.run_to_due_component()
         if asked is session.plant:
             instant += 1
             session.move_to_values([float(v) for v in outside.states[instant]])
@@ -103,7 +103,7 @@ def test_a_run_of_the_program_is_the_same_run_with_agent_and_plant_outside() -> 
         goal = trace["topics"]["goal"][instant]
         wish = 4.0 * (float(goal) - float(motion["x"])) - 1.0 * float(motion["v"])
         session.act_with_values([min(max(wish, -3.0), 3.0)])
-        session.component_that_is_due()
+        session.run_to_due_component()
         assert session.record["topics"]["accel"] == trace["topics"]["accel"][instant]
     assert session.record["modules"]["to_sc"][0] > 0, "a run in which something happens"
 

@@ -52,8 +52,8 @@ def finished(env: ProtectedVector, world: int, action: Any) -> bytes:
     (value, has) = sorted(made.answers[agent].members, key=lambda m: m.index)
     answer[value.offset : value.offset + 8] = np.array([action], dtype=np.float64).view(np.uint8)
     answer[has.offset] = 1
-    made.library.answer(state, agent, 0, answer.tobytes())
-    made.library.run(state, int(state.view(np.int64)[0]))
+    made.library.answer_extern(state, agent, 0, answer.tobytes())
+    made.library.run_until(state, int(state.view(np.int64)[0]))
     return bytes(state.tobytes())
 
 

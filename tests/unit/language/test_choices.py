@@ -47,7 +47,7 @@ def step(
     assert component.node is not None
     variables = dict(zip(component.node.locals, component.initial, strict=True))
     env = Environment(variables, choose=choose)
-    Evaluator.of(component.scope).block(component.node.step)(env)
+    Evaluator.for_scope(component.scope).compiled_block(component.node.step)(env)
     return env.published[0], {v.name: env.variables[v] for v in component.node.locals}
 
 

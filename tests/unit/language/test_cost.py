@@ -139,7 +139,7 @@ def test_no_execution_takes_more_than_the_bound(name: str, argument: int) -> Non
     assert isinstance(declare, typed.TypedDeclare)
     evaluator = Evaluator({}, None, LIMIT)
     evaluator.value(declare.value)
-    assert 0 < evaluator.spent <= checked.program.costs[node].operations
+    assert 0 < evaluator.operations_spent <= checked.program.costs[node].operations
 
 
 # ---------------------------------------------------------------- refused

@@ -101,7 +101,7 @@ def ac(system: System, module: str) -> Component:
 
 
 def test_what_is_left_is_numbered_anew(three: System) -> None:
-    left = derived_systems.only(three, parts(three, "Keep2", "Keep3"))
+    left = derived_systems.with_only(three, parts(three, "Keep2", "Keep3"))
     assert names(left) == [
         *("Keep2.dm", "Keep3.dm", "Keep2.Safe2", "Keep3.Safe3", "Keep2.Fast2", "Keep3.Fast3")
     ]
@@ -119,7 +119,7 @@ def test_what_is_left_is_numbered_anew(three: System) -> None:
 
 
 def test_who_reads_the_mode_of_what_went_is_answered_from_outside(three: System) -> None:
-    left = derived_systems.only(three, parts(three, "Keep1", "Keep3"))
+    left = derived_systems.with_only(three, parts(three, "Keep1", "Keep3"))
     assert [c.name for c in left.components if c.extern] == ["Keep3.Fast3"]
     assert "never" not in [p.kind for p in left.properties]
 
@@ -137,7 +137,7 @@ def without_plants(system: System) -> System:
     ]
     nodes = [c.index for c in system.components if c.plant is None]
     topics = {*driven, *(i.topic for i in system.inputs)}
-    left = derived_systems.only(system, nodes)
+    left = derived_systems.with_only(system, nodes)
     return replace(
         left,
         topics=tuple(

@@ -45,7 +45,7 @@ def evaluator(checked: t.TypedProgram, **options: Any) -> Evaluator:
 def function(text: str, **options: Any) -> Callable[..., Any]:
     """The function `F` of a program, as a Python function of Soter values."""
     checked = program(text)
-    call = evaluator(checked, **options).function(checked.funs["F"])
+    call = evaluator(checked, **options).closure_of(checked.funs["F"])
     return lambda *arguments: call(Environment(), arguments)
 
 
@@ -305,7 +305,7 @@ def test_a_fault_inside_a_call_leaves_the_callers_variables_in_place() -> None:
     env = Environment()
     outside = env.variables
     with pytest.raises(StepFault):
-        evaluator(checked).function(checked.funs["G"])(env, (0,))
+        evaluator(checked).closure_of(checked.funs["G"])(env, (0,))
     assert env.variables is outside
 
 
@@ -333,7 +333,7 @@ def test_an_extern_function_that_raises_or_is_unbound_faults() -> None:
     assert fault_of(lambda: f((1.0, 2.0)))[0] is FaultKind.EXTERN
     checked = program(ASK)
     unbound = evaluator(checked)
-    call = unbound.function(checked.funs["F"])
+    call = unbound.closure_of(checked.funs["F"])
     assert unbound.unbound == {checked.funs["Ask"]}
     assert fault_of(lambda: call(Environment(), ((1.0, 2.0),)))[0] is FaultKind.EXTERN
 

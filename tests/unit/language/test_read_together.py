@@ -7,7 +7,7 @@ import pytest
 from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.predicates import PredicateEvaluator
 from soter.language.front_end import check_file, system_of
-from soter.language.model.read_together import apart_at_most, permits_together
+from soter.language.model.read_together import allowed_stamp_differences, permits_on_close_reads
 from soter.language.model.system import Shield, System
 from soter.language.model.typed import AgeRead, Literal, TypedBinary
 from soter.language.model.types import BOOL, FLOAT
@@ -70,7 +70,7 @@ def test_what_has_an_age_and_is_published_together_is_compared(
     (module,) = flat.modules
     found = {
         (flat.topics[i].name, flat.topics[j].name): most
-        for i, j, most in apart_at_most(flat, module.inputs)
+        for i, j, most in allowed_stamp_differences(flat, module.inputs)
     }
     assert found == pairs
 
@@ -84,7 +84,9 @@ def test_a_shield_permits_nothing_on_reads_that_are_further_apart(system: str, m
     ages = [AgeRead(FLOAT, span, symbol) for symbol in (pos, vel)]
     fresh = [TypedBinary(BOOL, span, "<=", age, Literal(FLOAT, span, 1.0)) for age in ages]
     module.shield = Shield(1, 0, permits=TypedBinary(BOOL, span, "&&", *fresh))
-    permits = PredicateEvaluator.of(module.scope).expression(permits_together(flat, module))
+    permits = PredicateEvaluator.for_scope(module.scope).compiled(
+        permits_on_close_reads(flat, module)
+    )
     for apart in (0, most, most + 1):
         for older in (pos, vel):
             stamps = [100 * MS] * len(flat.topics)

@@ -76,17 +76,17 @@ def test_a_table_holds_what_it_was_made_of(seed: int) -> None:
     rng = random.Random(seed)  # noqa: S311 - no secret
     element = a_type(rng)
     values = [a_value(rng, element) for _ in range(rng.randint(0, 6))]
-    made = Table.of(element, values)
+    made = Table.of_values(element, values)
     assert len(made) == len(values)
     assert repr(list(made)) == repr(values), "0.0 is not -0.0, nor 1 true"
     assert [made[i] for i in range(len(made))] == values
-    assert made == Table.of(element, list(values))
-    assert hash(made) == hash(Table.of(element, list(values)))
+    assert made == Table.of_values(element, list(values))
+    assert hash(made) == hash(Table.of_values(element, list(values)))
     assert made[1:3] == tuple(values[1:3])
     with pytest.raises(IndexError):
         made[len(values)]
     if values:
-        assert made != Table.of(element, values[1:])
+        assert made != Table.of_values(element, values[1:])
 
 
 @all_rows("seed", range(60))
@@ -97,7 +97,7 @@ def test_the_image_of_a_table_is_that_of_the_value(seed: int) -> None:
     for t in (ArrayType(element, len(values)), ListType(element, len(values) + rng.randrange(3))):
         expected = bytearray(size_of(t))
         encode_into(expected, 0, t, values)
-        assert image_of_table(t, Table.of(element, values)) == expected
+        assert image_of_table(t, Table.of_values(element, values)) == expected
 
 
 def test_ints_of_every_width_lie_in_an_image_as_values_do() -> None:
@@ -107,7 +107,7 @@ def test_ints_of_every_width_lie_in_an_image_as_values_do() -> None:
         values = (low, high, *(rng.randint(low, high) for _ in range(50)))
         t, expected = ArrayType(element, len(values)), bytearray(size_of(ArrayType(element, 52)))
         encode_into(expected, 0, t, values)
-        assert image_of_table(t, Table.of(element, values)) == expected
+        assert image_of_table(t, Table.of_values(element, values)) == expected
 
 
 def test_a_table_of_a_dm_is_data_where_it_is_large() -> None:

@@ -22,7 +22,7 @@ def named(name: str, **own: str) -> MessageType:
     types = MessageTypes()
     for each, text in own.items():
         types.add(each.replace("__", "/"), text)
-    return types.named(name)
+    return types.type_named(name)
 
 
 @pytest.mark.parametrize("name", ["nav_msgs/Odometry", "nav_msgs/msg/Odometry"])
@@ -58,9 +58,9 @@ def test_a_path_is_a_primitive_and_says_whether_it_may_be_absent(
     message = named(
         name, my_msgs__Foo="geometry_msgs/Point[4] corners\nsensor_msgs/LaserScan[2] scans\n"
     )
-    field = message.field(path)
+    field = message.field_at(path)
     assert (field.path, field.type, field.through) == (path, kind, through)
-    assert message.leaf(path) == kind
+    assert message.primitive_type(path) == kind
 
 
 @pytest.mark.parametrize(
@@ -80,7 +80,7 @@ def test_a_path_is_a_primitive_and_says_whether_it_may_be_absent(
 )
 def test_a_path_that_is_none_is_told_with_what_there_is(path: str, told: str) -> None:
     with pytest.raises(NoSuchFieldError) as error:
-        named("nav_msgs/Odometry").leaf(path)
+        named("nav_msgs/Odometry").primitive_type(path)
     assert told in str(error.value)
 
 
@@ -103,27 +103,27 @@ def test_a_type_that_is_not_known_is_told_with_one_that_is_like_it(name: str, to
 
 def test_a_field_of_ros1_alone_is_none_in_ros2() -> None:
     message = named("nav_msgs/Odometry")
-    assert message.leaf("header.seq", 1) == "uint32"
+    assert message.primitive_type("header.seq", 1) == "uint32"
     with pytest.raises(NoSuchFieldError):
-        message.leaf("header.seq", 2)
+        message.primitive_type("header.seq", 2)
 
 
 def test_fields_are_all_primitives_in_declared_order() -> None:
-    fields = named("sensor_msgs/LaserScan").fields(2)
+    fields = named("sensor_msgs/LaserScan").fields_by_path(2)
     assert list(fields)[:3] == ["header.stamp", "header.frame_id", "angle_min"]
     assert fields["ranges.*"].through == "sequence"
-    assert "header.seq" in named("sensor_msgs/LaserScan").fields(1)
+    assert "header.seq" in named("sensor_msgs/LaserScan").fields_by_path(1)
 
 
 def test_a_type_that_holds_itself_has_an_end() -> None:
     message = named("my_msgs/Tree", my_msgs__Tree="float64 x\nTree[] below\n")
-    assert list(message.fields()) == ["x"]
-    assert message.leaf("below.0.below.1.x") == "float64"
+    assert list(message.fields_by_path()) == ["x"]
+    assert message.primitive_type("below.0.below.1.x") == "float64"
 
 
 def test_a_type_of_ones_own_that_names_an_unknown_one_is_told() -> None:
     with pytest.raises(NoSuchFieldError, match="is to be named under `\\[messages\\]`"):
-        named("my_msgs/Foo", my_msgs__Foo="Bar b\n").leaf("b.x")
+        named("my_msgs/Foo", my_msgs__Foo="Bar b\n").primitive_type("b.x")
 
 
 def test_a_text_that_is_no_definition_is_refused() -> None:
@@ -162,7 +162,7 @@ def test_every_row_of_the_standard_units_is_a_field_and_is_made_of_known_units()
 
     known = {*UNITS, "lx", "degC", "Ah"}
     for name, units in STANDARD_UNITS.items():
-        fields = [f for v in (1, 2) for f in named(name).fields(v)]
+        fields = [f for v in (1, 2) for f in named(name).fields_by_path(v)]
         for pattern, unit in units.items():
             assert unit in known or {*re.findall(r"[a-zA-Z]+", unit)} <= known
             covariance = re.sub(r"\.[0-9]+$", ".*", pattern)

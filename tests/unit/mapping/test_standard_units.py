@@ -119,8 +119,8 @@ def test_every_number_of_the_standard_messages_has_a_unit_or_is_known_to_have_no
     names = {n for known in types.definitions.values() for n in known}
     checked = 0
     for name in sorted(n for n in names if n.startswith(("geometry_", "nav_", "sensor_"))):
-        message = types.named(name)
-        for path, found in message.fields().items():
+        message = types.type_named(name)
+        for path, found in message.fields_by_path().items():
             if not found.type.startswith("float"):
                 continue
             checked += 1

@@ -21,7 +21,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.mapping.read_mapping import make_log_map, read_mapping
 from soter.mapping.topic_mapping import SourcePromise, SourceTurns
 from soter.mapping.topic_mapping_parser import problems_of_early_turns
-from soter.targets.bridge_base import bridged_topics, maps_by_topic, promise_lines
+from soter.targets.bridge_base import bridged_topics, maps_by_topic, promise_notes
 from soter.targets.ros_packages import TOPIC
 from tables import all_rows
 
@@ -55,7 +55,7 @@ def ages(
     for now in range(until + 1):
         for p in promises:
             newest = heard[p.rank]
-            if newest is not None and now - newest <= p.alone_ns:
+            if newest is not None and now - newest <= p.own_age_max_ns:
                 age = now - max(stamp for _, stamp in taken)
                 worst[p.rank] = max(age, worst[p.rank] or 0)
         while todo and todo[0][0] == now:
@@ -67,7 +67,7 @@ def ages(
 
 
 def within_bound(promises: Sequence[SourcePromise], worst: list[int | None]) -> bool:
-    return all(a is None or a <= p.oldest_ns for a, p in zip(worst, promises, strict=True))
+    return all(a is None or a <= p.age_max_ns for a, p in zip(worst, promises, strict=True))
 
 
 def patterns(rank: int, ticks: int, delay: int) -> list[Samples]:
@@ -102,7 +102,7 @@ def test_no_pattern_of_arrivals_makes_the_topic_older_and_one_makes_it_so_old(
             assert within_bound(promises, seen), (a, b, seen)
             assert [s for _, s in taken] == sorted({s for _, s in taken}), "back in measuring time"
             worst = [max(x, y or 0) for x, y in zip(worst, seen, strict=True)]
-    assert worst == [p.oldest_ns for p in promises]
+    assert worst == [p.age_max_ns for p in promises]
 
 
 def drawn(draw: random.Random, p: SourcePromise, until: int) -> Samples:
@@ -129,7 +129,7 @@ def test_three_sources_at_random_keep_the_bound_of_each_that_keeps_its_promise()
         worst, _ = ages(promises, samples, 60)
         assert within_bound(promises, worst), (promises, samples, worst)
         for p in promises:
-            reached[p.rank] += worst[p.rank] == p.oldest_ns
+            reached[p.rank] += worst[p.rank] == p.age_max_ns
     assert min(reached) > 5, f"the bound was hardly ever reached: {reached}"
 
 
@@ -153,7 +153,7 @@ def taken_early(promises: Sequence[SourcePromise], samples: Samples) -> Samples:
     heard = [float("-inf")] * len(promises)
     early = []
     for now, at_once in itertools.groupby(sorted(samples), key=lambda s: s[0]):
-        keeping = [p.rank for p in promises if now - heard[p.rank] <= p.alone_ns]
+        keeping = [p.rank for p in promises if now - heard[p.rank] <= p.own_age_max_ns]
         for sample in at_once:
             _, rank, stamp = sample
             heard[rank] = max(stamp, heard[rank])
@@ -184,11 +184,11 @@ def test_three_sources_are_refused_where_a_pattern_makes_one_take_over_too_early
     ]
     arrivals = [a + b + c for a, b, c in itertools.product(*everything)]
     refused = []
-    for after in range(1, before[1].oldest_ns + 2):
+    for after in range(1, before[1].age_max_ns + 2):
         promises = (*before, SourcePromise(2, 1, 0, after_ns=after))
         refused.append(bool(list(problems_of_early_turns("t", promises))))
         assert refused[-1] is any(taken_early(promises, samples) for samples in arrivals)
-    assert refused[-3:] == [True, False, False], "from the second's `oldest_ns` on"
+    assert refused[-3:] == [True, False, False], "from the second's `age_max_ns` on"
 
 
 def test_no_source_takes_over_too_early_from_any_of_several_at_random() -> None:
@@ -197,7 +197,7 @@ def test_no_source_takes_over_too_early_from_any_of_several_at_random() -> None:
     for _ in range(600):
         promises = [SourcePromise(0, draw.randint(1, 4), draw.randint(0, 3))]
         for rank in range(1, draw.randint(3, 5)):
-            after = max(p.oldest_ns for p in promises)
+            after = max(p.age_max_ns for p in promises)
             given = draw.randint(1, 4), draw.randint(0, 3)
             promises.append(SourcePromise(rank, *given, after_ns=after))
         assert not list(problems_of_early_turns("t", promises))
@@ -220,7 +220,7 @@ def test_the_first_is_read_again_as_soon_as_it_says_something_newer() -> None:
     assert ranks == [1, 0, 1, 0]  # the first sample of all is the second's
     last = [s for s in taken if s[1] == 1][-1]
     back = next(s for s in taken if s[1] == 0 and s[0] > 400)
-    assert last[0] < 440 <= back[0] <= last[2] + promises[0].alone_ns + 1
+    assert last[0] < 440 <= back[0] <= last[2] + promises[0].own_age_max_ns + 1
 
 
 # ---------------------------------------------------------------- what a mapping may say
@@ -274,7 +274,7 @@ def two(first: dict[str, Any] | None = None, second: dict[str, Any] | None = Non
 def test_two_sources_that_fit_are_told_with_their_figures(vehicle: Any) -> None:
     mapped = built(vehicle, two())
     assert [m.channel for m in mapped[:2]] == ["/odom", "/camera/odom"]
-    (told,) = promise_lines(vehicle, mapped)
+    (told,) = promise_notes(vehicle, mapped)
     assert told == (
         "position: /odom at most 15 ms old, within 0.05; /camera/odom at most 15 ms old, within "
         "0.05; at a takeover at most 30 ms old, of 40 ms (every 20 ms, delayed 20 ms)"
@@ -284,7 +284,7 @@ def test_two_sources_that_fit_are_told_with_their_figures(vehicle: Any) -> None:
 def test_the_example_fits_its_program(vehicle: Any) -> None:
     given = read_mapping(EXAMPLES / "shuttle_ros_two_sensors.toml")
     mapped = bridged_topics(vehicle, make_log_map(given, vehicle), "ROS", TOPIC)
-    assert "at a takeover at most 37 ms old" in promise_lines(vehicle, mapped)[0]
+    assert "at a takeover at most 37 ms old" in promise_notes(vehicle, mapped)[0]
 
 
 LASER = {**CAMERA, "channel": "/laser/odom", "every": "1ms", "after": "16ms"}
@@ -349,7 +349,7 @@ def test_a_topic_of_which_nothing_is_declared_compares_nothing(vehicle: Any) -> 
     wish = two({**fields, "channel": "/a", "every": "9s"}, {**fields, "channel": "/b"})
     wish["sources"][1]["after"] = "10s"
     mapped = built(vehicle, ODOMETRY_ALONE, wish=wish)
-    assert promise_lines(vehicle, mapped)[0].endswith("at most 10.015 s old, nothing declared")
+    assert promise_notes(vehicle, mapped)[0].endswith("at most 10.015 s old, nothing declared")
 
 
 def test_a_plant_that_moves_in_steps_has_one_sensor(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from soter.core.layout import state_layout
 from soter.diagnostics.diagnostic import SoterError
 from soter.measure.stopwatch import sample_states, vary_states
 from soter.targets.cortex_m_board import BOARDS, read_board
-from soter.targets.cortex_m_image import build_image, missing_tools
+from soter.targets.cortex_m_image import build_image, missing_tool
 
 TEXT = """soter 1;
 type Seen = { flag: bool, at: float, many: float[<=3], few: int in [2, 5] };
@@ -171,7 +171,7 @@ CART, LANE = EXAMPLES / "wall" / "cart.soter", EXAMPLES / "rest" / "lane.soter"
 
 
 def test_counts_of_a_board_are_times_only_by_a_stated_factor(tmp_path: Path) -> None:
-    if missing_tools(read_board("mps2-an500")) or shutil.which("qemu-system-arm") is None:
+    if missing_tool(read_board("mps2-an500")) or shutil.which("qemu-system-arm") is None:
         pytest.skip("there is no cross compiler, or no emulator")
     cart = soter.load(CART)
     built = cart.build("cortex-m", tmp_path / "out", "Protected", board="mps2-an500")
@@ -194,7 +194,7 @@ def test_what_needs_more_stack_than_the_board_gives_is_said_before_it_runs(tmp_p
     text = (BOARDS / "mps2_an500.c").read_text(encoding="utf-8")
     small = tmp_path / "small.c"
     small.write_text(re.sub("(?<=STACK_BYTES )\\d+", "1024", text), encoding="utf-8")
-    if missing_tools(read_board(str(small))):
+    if missing_tool(read_board(str(small))):
         pytest.skip("there is no cross compiler")
     with pytest.raises(SoterError) as caught:
         measure_on_board(soter.load(LANE), str(small), "20ns")
@@ -212,7 +212,7 @@ def test_a_factor_that_is_none_is_refused(factor: str) -> None:
 
 @pytest.mark.whole
 def test_without_an_image_nothing_is_measured_on_a_board(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("soter.targets.cortex_m_image.missing_tools", lambda _: "no tools")
+    monkeypatch.setattr("soter.targets.cortex_m_image.missing_tool", lambda _: "no tools")
     with pytest.raises(SoterError) as caught:
         measure_on_board(soter.load(CART), "mps2-an500", "20ns")
     (diagnostic,) = caught.value.diagnostics

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from soter.version import pip_install
+from soter.version import pip_command
 
 pytest.importorskip("rosbags", reason="the extra `logs` is not installed")
 pytest.importorskip("mcap_protobuf", reason="the extra `logs` is not installed")
@@ -391,7 +391,7 @@ def test_without_a_package_the_log_says_how_to_install_it(
 
     monkeypatch.setattr(message_types, "find_spec", found)
     monkeypatch.setattr(message_decoding, "find_spec", found)
-    assert pip_install("logs") in refused(log, "D007", type=None)
+    assert pip_command("logs") in refused(log, "D007", type=None)
 
 
 # ---------------------------------------------------------------- bags of ROS 2

@@ -17,11 +17,11 @@ from soter.api import load
 from soter.mapping.read_mapping import make_log_map
 from soter.mapping.units import UNITS
 from soter.monitor.derived_signals import (
-    ahead_errors,
-    begin_of_turn,
-    quantiles,
+    error_quantiles,
+    least_angle,
+    line_errors,
     slope_errors,
-    value_ahead,
+    value_on_line,
     window_slopes,
 )
 from soter.monitor.log_files.read_columns import read_columns
@@ -73,7 +73,7 @@ def test_the_error_of_lines_is_about_what_they_miss(seed: int) -> None:
     """Against samples that were there twice as often."""
     fine = np.linspace(0.0, 6.0, 121)
     x = np.sin((1 + seed) * fine)
-    told = quantiles(ahead_errors(fine[::2], x[::2], 1.0))
+    told = error_quantiles(line_errors(fine[::2], x[::2], 1.0))
     assert told is not None
     half = x[2:-2:2] + (x[2:-2:2] - x[:-4:2]) / 2  # half-way to the next sample
     missed = float(np.abs(half - x[3:-1:2]).max())
@@ -81,9 +81,9 @@ def test_the_error_of_lines_is_about_what_they_miss(seed: int) -> None:
 
 
 def test_of_nothing_there_is_no_error() -> None:
-    assert quantiles(np.zeros(0)) is None
-    assert len(ahead_errors(np.array([0.0, 1.0]), np.array([0.0, 1.0]), 2.0)) == 0
-    assert len(ahead_errors(np.array([0.0, 1.0, 9.0]), np.zeros(3), 2.0)) == 0, "across a gap"
+    assert error_quantiles(np.zeros(0)) is None
+    assert len(line_errors(np.array([0.0, 1.0]), np.array([0.0, 1.0]), 2.0)) == 0
+    assert len(line_errors(np.array([0.0, 1.0, 9.0]), np.zeros(3), 2.0)) == 0, "across a gap"
 
 
 # ---------------------------------------------------------------- angles
@@ -189,15 +189,15 @@ def test_a_line_is_the_one_without_an_end_but_for_whole_turns(
     begin: float, step: float, share: float, low: float
 ) -> None:
     a, b = (low * WHOLE + (x - low * WHOLE) % WHOLE for x in (begin, begin + step))
-    x = value_ahead(a, b, share, WHOLE, low * WHOLE)
+    x = value_on_line(a, b, share, WHOLE, low * WHOLE)
     apart = x - (begin + step + share * step)
     assert math.remainder(apart, WHOLE) == pytest.approx(0.0, abs=1e-9)
     assert low * WHOLE - 1e-9 <= x <= (low + 1) * WHOLE + 1e-9
 
 
 def test_where_a_turn_begins_is_seen_in_its_column() -> None:
-    assert begin_of_turn([-3.1, 3.1], WHOLE) == -math.pi
-    assert begin_of_turn([0.1, 6.2], WHOLE) == 0.0
-    assert begin_of_turn([1.6, 7.8], WHOLE) == pytest.approx(4.7 - math.pi)
-    assert math.isnan(begin_of_turn([0.0, 7.0], WHOLE))
-    assert math.isnan(begin_of_turn([0.0, 7.0], math.inf))
+    assert least_angle([-3.1, 3.1], WHOLE) == -math.pi
+    assert least_angle([0.1, 6.2], WHOLE) == 0.0
+    assert least_angle([1.6, 7.8], WHOLE) == pytest.approx(4.7 - math.pi)
+    assert math.isnan(least_angle([0.0, 7.0], WHOLE))
+    assert math.isnan(least_angle([0.0, 7.0], math.inf))

@@ -12,7 +12,7 @@ import pytest
 import processes
 from soter.diagnostics.diagnostic import SoterError
 from soter.native import cache
-from soter.native.cache import cached, find_cached
+from soter.native.cache import cached_folder, find_cached
 from soter.native.shared_library import objects
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def maker(text: str = "it") -> tuple[Callable[[Path], None], list[Path]]:
 def get(content: str = A, text: str = "it") -> tuple[Path, bool]:
     """The entry, and whether it was made now."""
     make, calls = maker(text)
-    return cached("thing", content, ("file",), make), bool(calls)
+    return cached_folder("thing", content, ("file",), make), bool(calls)
 
 
 def forget(entry: Path, seconds_ago: float = OLD_S) -> None:
@@ -104,7 +104,7 @@ def test_what_cannot_be_made_leaves_nothing_behind(folder: Path) -> None:
         raise ValueError("no")
 
     with pytest.raises(ValueError, match="no"):
-        cached("thing", A, ("file",), make)
+        cached_folder("thing", A, ("file",), make)
     assert list(folder.iterdir()) == []
 
 
@@ -113,7 +113,7 @@ def test_one_who_was_faster_is_left_alone(folder: Path) -> None:
         get(A, "the faster one")
         (work / "file").write_text("the slower one")
 
-    entry = cached("thing", A, ("file",), make)
+    entry = cached_folder("thing", A, ("file",), make)
     assert (entry / "file").read_text() == "the faster one"
     assert {p.name for p in folder.iterdir()} == {entry.name, cache.LOOKED_FILE}
 
@@ -239,7 +239,7 @@ def test_one_process_looks_for_room_and_another_does_not_at_once(
     text = (
         "from soter.native import cache\n"
         "cache._entries_in = lambda folder: print('looks') or []\n"
-        "cache.cached('thing', 'b' * 64, ('file',), lambda at: (at / 'file').touch())\n"
+        "cache.cached_folder('thing', 'b' * 64, ('file',), lambda at: (at / 'file').touch())\n"
     )
     done = processes.run((sys.executable, "-c", text), capture_output=True, check=True)
     assert done.stdout == (b"looks\n" if looks else b"")

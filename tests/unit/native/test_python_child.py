@@ -12,7 +12,7 @@ import pytest
 import processes
 from soter.campaign import release_lateness
 from soter.diagnostics.diagnostic import SoterError
-from soter.native.compiler import python_child, python_module
+from soter.native.compiler import module_command, python_command
 from unit.test_house_figures import ROOT, SOURCES
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ IMPORTS = "import runpy, ctypes, json, numpy, typing, os, re, pickle, soter.simu
 def test_a_child_imports_nothing_from_the_current_folder(strange: Path, safe: str) -> None:
     code = f"{IMPORTS}print(sys.argv[1:], soter.__file__)"
     environment = {**os.environ, "PYTHONSAFEPATH": safe}
-    done = processes.run(python_child(code, "a", "-m"), capture_output=True, env=environment)
+    done = processes.run(python_command(code, "a", "-m"), capture_output=True, env=environment)
     assert done.returncode == 0, done.stderr
     said = done.stdout.decode()
     assert said.startswith("['a', '-m']")
@@ -51,7 +51,7 @@ def test_a_child_imports_nothing_from_the_current_folder(strange: Path, safe: st
 
 
 def test_a_module_is_run_as_python_runs_it(strange: Path) -> None:
-    done = processes.run(python_module("soter", "--version"), capture_output=True)
+    done = processes.run(module_command("soter", "--version"), capture_output=True)
     assert (done.returncode, done.stdout[:6]) == (0, b"soter ")
     assert not (strange / "ran").exists()
     done = processes.run([sys.executable, "-c", IMPORTS], capture_output=True)

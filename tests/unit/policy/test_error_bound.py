@@ -18,7 +18,7 @@ from soter.policy.network import (
     Relu,
     Standardised,
     Tanh,
-    last_layer,
+    last_layer_numbers,
 )
 from soter.policy.sb3_file import read_sb3
 from soter.policy.soter_source import error_bound
@@ -36,7 +36,7 @@ def in_any_order(network: Network, x: Floats, rng: np.random.Generator) -> Float
     """The network in float32, each sum in an order of its own, bias somewhere in it."""
     for layer in network.layers:
         if not isinstance(layer, Affine):
-            x = last_layer(Network(x.size, (layer,)), x)
+            x = last_layer_numbers(Network(x.size, (layer,)), x)
             continue
         rows = []
         for row, bias in zip(layer.weight, layer.bias, strict=True):
@@ -154,6 +154,8 @@ def test_policies_of_stable_baselines_are_within_their_bound(name: str) -> None:
     assert over_box.max() < 1e-3
     for _ in range(200):
         x = rng.uniform(*policy.box)
-        distance = np.abs(last_layer(network, x.astype(np.float32)) - in_declared_order(network, x))
+        distance = np.abs(
+            last_layer_numbers(network, x.astype(np.float32)) - in_declared_order(network, x)
+        )
         assert (distance <= error_bound(network, x, x)).all()
         assert (distance <= over_box).all()

@@ -14,7 +14,7 @@ import processes
 from soter.cli.main import main
 from soter.diagnostics.diagnostic import SoterError
 from soter.policy import onnx_file as content
-from soter.policy.network import last_layer
+from soter.policy.network import last_layer_numbers
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -71,7 +71,7 @@ def test_weights_beside_are_the_weights_inside(tmp_path: Path) -> None:
     (tmp_path / "weights").write_bytes(moved(model))
     beside.write_bytes(model.SerializeToString())
     x = np.linspace(-2.0, 2.0, 4, dtype=np.float32)
-    mine = [last_layer(read_onnx(p).network, x) for p in (inside, beside)]
+    mine = [last_layer_numbers(read_onnx(p).network, x) for p in (inside, beside)]
     assert (mine[0] == mine[1]).all()
     said = []
     for path in (inside, beside):

@@ -55,7 +55,7 @@ def loaded(file: Path) -> Any:
     binding = binding_of(f"onnx:{file.name}")
     assert binding is not None
     two = ArrayType(FloatType(), 2)
-    return load_policy(binding.beside(file.parent), [("x", two)], [("u", two)], None)
+    return load_policy(binding.in_folder(file.parent), [("x", two)], [("u", two)], None)
 
 
 def refused(file: Path, how: Any) -> Diagnostic:

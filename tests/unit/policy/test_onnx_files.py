@@ -10,9 +10,9 @@ import pytest
 from policy_files import onnx_of, random_layers  # type: ignore[import-not-found]
 
 from soter.diagnostics.diagnostic import SoterError
-from soter.policy.network import last_layer
+from soter.policy.network import last_layer_numbers
 from soter.policy.soter_source import error_bound
-from soter.version import pip_install
+from soter.version import pip_command
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -58,7 +58,7 @@ def test_layers_are_what_onnxruntime_runs(tmp_path: Path, activation: str, endin
     for _ in range(100):
         x = rng.uniform(-4.0, 4.0, 3)
         session.observation[:] = x
-        mine = last_layer(network, x.astype(np.float32))
+        mine = last_layer_numbers(network, x.astype(np.float32))
         if network.choices:
             assert session.run() == [int(mine.argmax())]
         else:
@@ -101,7 +101,7 @@ def test_arithmetic_with_constants_is_read_and_run(tmp_path: Path) -> None:
     for _ in range(100):
         x = rng.uniform(-4.0, 4.0, 4)
         session.observation[:] = x
-        distance = np.abs(session.run() - last_layer(network, x.astype(np.float32)))
+        distance = np.abs(session.run() - last_layer_numbers(network, x.astype(np.float32)))
         assert (distance <= 2.0 * error_bound(network, x, x)).all()
 
 
@@ -137,7 +137,7 @@ def test_a_broadcast_by_constants_is_read(tmp_path: Path) -> None:
         network, session = read_onnx(path).network, OnnxSession(path)
         for x in (-3.0, 0.25, 7.0):
             session.observation[:] = x
-            assert session.run() == last_layer(network, np.array([x], np.float32)).tolist()
+            assert session.run() == last_layer_numbers(network, np.array([x], np.float32)).tolist()
 
 
 @pytest.mark.parametrize(
@@ -185,4 +185,4 @@ def test_a_package_that_is_absent_is_named(
         (read_onnx if package == "onnx" else OnnxSession)(path)
     (problem,) = caught.value.diagnostics
     assert (problem.code, f"`{package}`" in problem.message) == ("D007", True)
-    assert problem.helps == (f"install it: {pip_install('learn')}",)
+    assert problem.helps == (f"install it: {pip_command('learn')}",)

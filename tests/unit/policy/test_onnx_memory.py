@@ -58,7 +58,9 @@ def policy(folder: Path, data: bytes, said: str = "", reads: Any = None, writes:
     binding = binding_of(f"onnx:p.onnx{said}")
     assert binding is not None
     two = ArrayType(NUMBER, 2)
-    return load_policy(binding.beside(folder), reads or [("x", two)], writes or [("u", two)], None)
+    return load_policy(
+        binding.in_folder(folder), reads or [("x", two)], writes or [("u", two)], None
+    )
 
 
 FOUND = [

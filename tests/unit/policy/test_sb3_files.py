@@ -28,7 +28,7 @@ def test_answers_are_those_of_predict(name: str) -> None:
     names = [f"x{i}" for i in range(len(observations[0]))]
     topic = IntType(0, 2) if name == "dqn.zip" else FloatType()
     reads = [(n, FloatType()) for n in names]
-    policy = load_policy(binding.beside(FILES), reads, [("u", topic)], None)
+    policy = load_policy(binding.in_folder(FILES), reads, [("u", topic)], None)
     for _ in range(2):  # the frames are forgotten
         policy.reset(1)
         for observation, action in zip(observations, actions, strict=True):

@@ -22,7 +22,7 @@ from soter.policy.network import (
     Lstm,
     Network,
     Standardised,
-    last_layer,
+    last_layer_numbers,
     prepare_network,
 )
 from soter.policy.policy_extern import load_policy, sha256_of_files
@@ -39,7 +39,7 @@ WHOLE, NUMBER = IntType(0, 9), FloatType()
 def loaded(file: str, reads: Any, writes: Any, folder: Path = FILES) -> Any:
     binding = binding_of(f"sb3:{file}")
     assert binding is not None
-    return load_policy(binding.beside(folder), reads, writes, None)
+    return load_policy(binding.in_folder(folder), reads, writes, None)
 
 
 def shapes(row: dict[str, Any]) -> list[tuple[str, Any]]:
@@ -109,10 +109,10 @@ def test_statistics_beside_a_policy_are_found_and_said(tmp_path: Path, place: st
     assert read.assumed == (f"observations are normalised by `{place}`, found beside it",)
     binding = binding_of("sb3:ppo.zip")
     assert binding is not None
-    assert str(statistics) in sha256_of_files(binding.beside(tmp_path))
+    assert str(statistics) in sha256_of_files(binding.in_folder(tmp_path))
     without = binding_of("sb3:ppo.zip:none")
     assert without is not None
-    assert set(sha256_of_files(without.beside(tmp_path))) == {str(tmp_path / "ppo.zip")}
+    assert set(sha256_of_files(without.in_folder(tmp_path))) == {str(tmp_path / "ppo.zip")}
 
 
 def test_statistics_of_a_checkpoint_go_before_those_of_the_folder(tmp_path: Path) -> None:
@@ -198,7 +198,7 @@ def test_activations_are_their_formulas() -> None:
     }
     for name, numbers in wanted.items():
         network = Network(3, (Activation(name),))
-        assert last_layer(network, at).tolist() == pytest.approx(numbers, abs=1e-6)
+        assert last_layer_numbers(network, at).tolist() == pytest.approx(numbers, abs=1e-6)
 
 
 def test_a_cell_keeps_what_it_is_told_to() -> None:

@@ -26,7 +26,12 @@ from soter.language.model.types import ArrayType, FloatType, IntType
 from soter.policy import policy_extern
 from soter.policy.c_source import c_source
 from soter.policy.network import Network, Policy
-from soter.policy.policy_extern import frame_rows, load_policy, reads_by_name, require_axes
+from soter.policy.policy_extern import (
+    frame_row_count,
+    load_policy,
+    reads_in_order,
+    require_axes,
+)
 from soter.policy.sb3_file import read_sb3
 
 if TYPE_CHECKING:
@@ -62,7 +67,7 @@ def array(*shape: int) -> Any:
 def loaded(file: str, read: Any, write: Any) -> Any:
     binding = binding_of(f"sb3:{file}")
     assert binding is not None
-    return load_policy(binding.beside(FILES), [("seen", read)], [("u", write)], None)
+    return load_policy(binding.in_folder(FILES), [("seen", read)], [("u", write)], None)
 
 
 def refused(file: str, read: Any, write: Any) -> Diagnostic:
@@ -129,9 +134,12 @@ def test_an_observation_by_name_is_read_in_its_own_shape() -> None:
     keys, shapes = [("ahead", 6), ("gear", 3)], {"ahead": (2, 3)}
     gear = ("gear", array(3))
     for read in (array(2, 3), array(6)):
-        assert reads_by_name(FILES, keys, shapes, [gear, ("ahead", read)])[0] == ("ahead", read)
+        assert reads_in_order(FILES, keys, shapes, [gear, ("ahead", read)])[0] == (
+            "ahead",
+            read,
+        )
     with pytest.raises(SoterError, match=r"6 numbers \(2 x 3\), the node reads 6"):
-        reads_by_name(FILES, keys, shapes, [gear, ("ahead", array(3, 2))])
+        reads_in_order(FILES, keys, shapes, [gear, ("ahead", array(3, 2))])
 
 
 def with_space(file: str, which: str, space: Any, to: Path) -> str:
@@ -220,6 +228,6 @@ def test_a_frame_is_found_where_numpy_puts_it(shape: list[int], frames: int, *, 
     axis = len(shape) - 1 if last else 0
     each = np.arange(1.0, np.prod(shape) + 1.0).reshape(shape)
     stacked = np.concatenate([np.zeros_like(each)] * (frames - 1) + [each], axis)
-    rows = frame_rows("p", stacked.shape, stacked.size, [("seen", array(*shape))])
+    rows = frame_row_count("p", stacked.shape, stacked.size, [("seen", array(*shape))])
     newest = stacked.reshape(rows, -1)[:, -(each.size // rows) :]
     assert newest.ravel().tolist() == each.ravel().tolist()

@@ -63,7 +63,7 @@ def _compiled() -> dict[str, Callable[..., Value]]:
 
     def callable_of(name: str) -> Callable[..., Value]:
         assert checked.program is not None
-        body = evaluator.function(checked.program.funs[f"call_{name}"])
+        body = evaluator.closure_of(checked.program.funs[f"call_{name}"])
         environment = Environment()
         return lambda *arguments: body(environment, arguments)
 

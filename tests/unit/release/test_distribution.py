@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 import processes
-from soter.version import DISTRIBUTION, VERSION, pip_install
+from soter.version import DISTRIBUTION, VERSION, pip_command
 
 ROOT = Path(__file__).resolve().parents[3]
 TOML: Any = import_module("tomllib" if find_spec("tomllib") else "tomli")
@@ -48,10 +48,10 @@ def test_the_line_that_installs_is_for_the_python_that_runs(
         (None, "'/tools/a soter/bin/python' -m pip install 'soter-rta[prove]'"),
     ):
         monkeypatch.setattr("shutil.which", lambda _, found=found: found)
-        assert pip_install("prove") == line
+        assert pip_command("prove") == line
     monkeypatch.setattr("soter.version.find_spec", lambda _: None)
     python = "uv pip install --python '/tools/a soter/bin/python'"
-    assert pip_install("prove") == f"{python} 'soter-rta[prove]'"
+    assert pip_command("prove") == f"{python} 'soter-rta[prove]'"
 
 
 def wrong(text: str) -> list[str]:

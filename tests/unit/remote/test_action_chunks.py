@@ -42,12 +42,12 @@ class Played:
         images = [a.encode() for a in actions]
         stamp = None if measured is None else (1000 + measured) * MS
         chunk = Chunk(images, (1000 + start) * MS, EVERY, stamp)
-        self.player.begin("wish", chunk, self.written)
+        self.player.begin_chunk("wish", chunk, self.written)
 
     def at(self, ms: int) -> int | None:
         """Time is `ms`; when something is due again."""
         self.clock.now = (1000 + ms) * MS
-        wake = self.player.play(self.clock.now)
+        wake = self.player.write_due_actions(self.clock.now)
         return None if wake is None else wake // MS - 1000
 
 
@@ -133,7 +133,7 @@ def test_topics_are_played_beside_each_other(played: Played) -> None:
     other = Written()
     played.begin("ab")
     chunk = Chunk([b"1", b"2", b"3"], 1005 * MS, 10 * MS)
-    played.player.begin("arm", chunk, other)
+    played.player.begin_chunk("arm", chunk, other)
     assert [played.at(ms) for ms in (5, 15, 20, 25)] == [15, 20, 25, None]
     assert other.all == [(5, b"1"), (15, b"2"), (25, b"3")]
     assert played.written.all == [(0, b"a"), (20, b"b")]

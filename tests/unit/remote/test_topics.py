@@ -65,7 +65,7 @@ def code_of(call: Callable[[], object]) -> tuple[str, str]:
 def test_values_come_back_as_they_were(
     topics: Topics, topic: str, given: object, back: object
 ) -> None:
-    found = topics.find(topic)
+    found = topics.topic_named(topic)
     read = found.value(found.image(given, clip=False))
     read = read.tolist() if isinstance(read, np.ndarray) else read
     assert (read, type(read)) == (back, type(back))
@@ -100,7 +100,7 @@ def test_values_come_back_as_they_were(
 def test_what_the_topic_cannot_take_is_told_with_its_place(
     topics: Topics, topic: str, given: object, words: str
 ) -> None:
-    code, message = code_of(lambda: topics.find(topic).image(given, clip=False))
+    code, message = code_of(lambda: topics.topic_named(topic).image(given, clip=False))
     assert code == "U012"
     assert message.startswith(words), message
 
@@ -120,19 +120,19 @@ def test_what_the_topic_cannot_take_is_told_with_its_place(
 def test_clipping_puts_numbers_at_the_ends_of_the_set(
     topics: Topics, topic: str, given: object, back: object
 ) -> None:
-    found = topics.find(topic)
+    found = topics.topic_named(topic)
     read = found.value(found.image(given, clip=True))
     assert (read.tolist() if isinstance(read, np.ndarray) else read) == back
 
 
 @pytest.mark.parametrize("given", [math.nan, math.inf, "fast", [0.1, 0.2]])
 def test_clipping_makes_no_value_of_what_is_none(topics: Topics, given: object) -> None:
-    code, _ = code_of(lambda: topics.find("wish").image(given, clip=True))
+    code, _ = code_of(lambda: topics.topic_named("wish").image(given, clip=True))
     assert code == "U012"
 
 
 def test_bytes_that_are_no_value_are_told(topics: Topics) -> None:
-    few, wide = topics.find("few"), topics.find("wide")
+    few, wide = topics.topic_named("few"), topics.topic_named("wide")
     for topic in (few, wide):
         code, message = code_of(lambda t=topic: t.value(b"\xff" * t.size))  # type: ignore[misc]
         assert code == "X013"
@@ -145,12 +145,12 @@ def test_bytes_that_are_no_value_are_told(topics: Topics) -> None:
 def test_a_topic_goes_by_its_name_and_a_wrong_one_is_told_with_what_is_like_it(
     topics: Topics,
 ) -> None:
-    assert topics.to_publish("wish").name == "wish"
-    assert code_of(lambda: topics.find("wsh")) == (
+    assert topics.writable_topic("wish").name == "wish"
+    assert code_of(lambda: topics.topic_named("wsh")) == (
         "U001",
         "system `Robot` has no channel `wsh`: did you mean `wish`?",
     )
-    code, message = code_of(lambda: topics.to_publish("speed"))
+    code, message = code_of(lambda: topics.writable_topic("speed"))
     assert code == "U001"
     assert message.startswith("`speed` is published by the robot itself; open to others: `pos")
 
@@ -233,5 +233,5 @@ def test_sets_hold_the_range_of_the_type(document: dict[str, Any]) -> None:
     changed = copy.deepcopy(document)
     wide = next(t for t in changed["topics"] if t["name"] == "wide")
     assert wide["set"] == [None, None, None, None, [0, 5]]
-    made: Topic = parse_channels(changed, "here").find("wide")
+    made: Topic = parse_channels(changed, "here").topic_named("wide")
     assert made.ends[-1] == (0, 5)

@@ -13,7 +13,7 @@ from city_scene import PLAN_GROUP, REFUSED_GROUP, plans_group
 from city_solid import city_solid
 
 from soter.report.html import html_document
-from soter.report.run.figure_parts import arm_group
+from soter.report.run.figure_parts import group_of_arm
 from soter.report.run.record import ReportPage, Way
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def test_on_the_map_every_point_tells_of_its_own_plan(scene: Scene, city_page: R
 
 def test_plans_go_with_their_arm_and_can_be_switched_off_together(planned: ReportPage) -> None:
     groups = plans_group(planned.flights[0].name, refused=False).split(" ")
-    assert groups == [arm_group(planned.flights[0].name), PLAN_GROUP]
+    assert groups == [group_of_arm(planned.flights[0].name), PLAN_GROUP]
     assert {PLAN_GROUP, REFUSED_GROUP} <= switches(planned)
 
 
@@ -81,7 +81,7 @@ def test_of_two_missions_with_plans_the_first_is_shown(planned: ReportPage) -> N
         dataclasses.replace(mixed[0], name="Other", ways=planned.flights[0].ways),
     )
     document = html_document(dataclasses.replace(planned, flights=twice), "")
-    assert f'data-group="{arm_group(mixed[0].name)}" aria-pressed="true"' in document
+    assert f'data-group="{group_of_arm(mixed[0].name)}" aria-pressed="true"' in document
     assert 'data-group="arm:Other" aria-pressed="false"' in document
 
 

@@ -15,7 +15,7 @@ from city_map import city_map, dash_of
 from city_scene import TUBE_GROUP, Scene
 from city_solid import city_solid
 
-from soter.report.run.figure_parts import DENSE_STEPS, arm_group, decision_hover
+from soter.report.run.figure_parts import DENSE_STEPS, decision_hover, group_of_arm
 from soter.report.run.page import page_body
 from soter.report.run.record import Decision, ModeBand, Series, Threshold, Violation
 from soter.report.run.timeline import BAND_OPACITY, chart_timeline, flight_timeline
@@ -100,7 +100,7 @@ def test_the_map_marks_each_takeover_giveback_and_violation(
 def test_each_arm_and_the_tubes_can_be_switched(scene: Scene, city_page: ReportPage) -> None:
     figure = city_map(scene, city_page.flights)
     groups = {trace.get("group") for trace in figure.data}
-    assert groups == {None, TUBE_GROUP, *(arm_group(f.name) for f in city_page.flights)}
+    assert groups == {None, TUBE_GROUP, *(group_of_arm(f.name) for f in city_page.flights)}
 
 
 def test_the_arm_both_controllers_flew_is_solid(city_page: ReportPage) -> None:

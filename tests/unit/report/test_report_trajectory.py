@@ -18,7 +18,7 @@ from soter.report.run.figure_parts import (
     mode_edges,
     mode_stretches,
     nearest_indices,
-    rows_of_controller,
+    rows_flown_by,
     thinned_indices,
 )
 from soter.report.run.record import Decision, Violation
@@ -52,7 +52,7 @@ def test_the_parts_of_both_controllers_make_up_the_whole_line(modes: np.ndarray)
     rows = np.arange(len(modes), dtype=np.float64)[:, None]
     pieces = set()
     for ac in (True, False):
-        part = rows_of_controller(rows, modes, ac=ac)[:, 0]
+        part = rows_flown_by(rows, modes, ac=ac)[:, 0]
         for a, b in pairwise(part.tolist()):
             if not np.isnan([a, b]).any():
                 pieces.add((a, b))

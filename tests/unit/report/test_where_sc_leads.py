@@ -43,7 +43,7 @@ def looked(run: Run, looks: TubeLooks, *, judged: bool = False) -> list[tuple[in
     trace = run.require_trace()
     rows = np.flatnonzero(decided_rows(run.system, trace)[:, 0]).tolist()
     states = {r: (trace[r - 1].tobytes() if r else None, trace[r].tobytes()) for r in rows}
-    return [(r, looks.follow(0, *at, judged=judged)) for r, at in states.items()]
+    return [(r, looks.follow_tube(0, *at, judged=judged)) for r, at in states.items()]
 
 
 @pytest.mark.parametrize(

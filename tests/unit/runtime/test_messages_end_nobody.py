@@ -123,7 +123,7 @@ def test_closed_descriptors_are_no_file_of_its_own(cart: Path, tmp_path: Path, c
     assert record.read_bytes().startswith(b"soter recording 1")
     flight = FlightRecording(record, system_of(check_file(str(CART)), "Protected"))
     seen: list[list[object]] = []
-    flight.show_to(type("Seen", (), {"see": seen.append})())
+    flight.show_states_to(type("Seen", (), {"observe_states": seen.append})())
     assert sum(len(one) for one in seen) == INSTANTS
     assert flight.cut == ""
     if 1 not in files:

@@ -298,7 +298,7 @@ def test_5_a_fault_of_a_disabled_ac_only_costs_cleanliness(build: Build) -> None
     after, outcome = step(it, c, ADVANCED)
     assert after == replace(c, clean_needed=(2,))
     record = it.record()
-    record.note(outcome, after.ct)
+    record.note_event(outcome, after.ct)
     assert record.modules[0].gate_faults == 1, "counted whether or not OE"
     assert (record.components[ADVANCED].faults, record.components[ADVANCED].last_fault) == (1, 8)
     assert record.violations == 0
@@ -320,7 +320,7 @@ def test_5_a_fault_of_a_trusted_node_latches_it_and_fails_safe(
     assert after.stamps == (NEVER, c.ct, c.ct)
     assert after.L == c.L
     record = it.record()
-    record.note(outcome, after.ct)
+    record.note_event(outcome, after.ct)
     assert record.violations == 1
     assert record.components[SAFE].latched_ns == c.ct
 

@@ -76,7 +76,7 @@ def compiled(system: System) -> Library:
 def test_both_engines_choose_the_same(system: System, compiled: Library, pattern: int) -> None:
     seed = (pattern << 56) | 0x1234567
     trace = np.zeros((300, compiled.state_size), dtype=np.uint8)
-    _, written, _ = compiled.run(compiled.new_state(seed), 1_000_000_000, trace)
+    _, written, _ = compiled.run_until(compiled.new_state(seed), 1_000_000_000, trace)
     layout = state_layout(system)
     interpreted: list[bytes] = []
     Interpreter(system, seed, draws=AdverseDraws(seed)).run(
@@ -93,7 +93,7 @@ def test_a_normal_build_draws_by_chance(system: System, compiled: Library) -> No
     seed = (CORNER << 56) | 1
     states = [x.new_state(seed) for x in (normal, compiled)]
     for x, state in zip((normal, compiled), states, strict=True):
-        x.run(state, 100_000_000)
+        x.run_until(state, 100_000_000)
     assert bytes(states[0]) != bytes(states[1])
 
 
@@ -158,7 +158,7 @@ def test_a_written_choice_outside_its_set_is_refused(
     t: Type, bound: Bound | None, value: object
 ) -> None:
     with pytest.raises(ChoiceError):
-        RecordedDraws({"s": [(0, value)]}).leaf(t, bound, "s", 3)
+        RecordedDraws({"s": [(0, value)]}).leaf_value(t, bound, "s", 3)
 
 
 def test_a_choice_that_nobody_wrote_is_refused() -> None:

@@ -203,5 +203,5 @@ def test_choices_can_be_written_down_and_read_back() -> None:
 def test_an_int_leaf_without_bounds_has_no_more_than_32_bits_of_alternatives() -> None:
     system = system_from(TWO_A_STEP)
     draws = AnsweredDraws(system, lambda _stream, _n: 1)
-    assert draws.leaf(IntType(-(2**63), 2**63 - 1), None, "s", 0) == -(2**63) + 1
+    assert draws.leaf_value(IntType(-(2**63), 2**63 - 1), None, "s", 0) == -(2**63) + 1
     assert [q.count for q in draws.questions] == [2**32 - 1]

@@ -54,7 +54,7 @@ def stepped(it: Interpreter, x: int) -> StepOutcome:
 def test_assumes_before_the_step_and_guarantees_after_it(x: int, judged: dict[int, bool]) -> None:
     event = stepped(interpreter(NODE), x)
     assert event.contract_violations == judged
-    assert event.broken == tuple(i for i, bad in judged.items() if bad)
+    assert event.violated == tuple(i for i, bad in judged.items() if bad)
 
 
 def test_guarantees_are_owed_only_with_enabled_outputs_and_nothing_by_a_latched_node() -> None:
@@ -70,8 +70,8 @@ def test_guarantees_are_owed_only_with_enabled_outputs_and_nothing_by_a_latched_
 
 def test_a_contract_that_faults_is_violated() -> None:
     it = interpreter(NODE.replace("assumes x < 10", "assumes 1 / x < 10"))
-    assert stepped(it, 0).broken == (ASSUMED,)
-    assert stepped(it, 1).broken == ()
+    assert stepped(it, 0).violated == (ASSUMED,)
+    assert stepped(it, 1).violated == ()
 
 
 def onsets(values: Sequence[int]) -> tuple[Any, int]:

@@ -133,8 +133,8 @@ def test_a_message_that_is_not_the_last_is_judged_too() -> None:
 
 def test_guarantees_read_the_last_message() -> None:
     d = Driver()
-    assert d.step(2).broken == ()  # 10, 20, 99: the first would break it
-    assert d.step(1).broken != ()
+    assert d.step(2).violated == ()  # 10, 20, 99: the first would break it
+    assert d.step(1).violated != ()
 
 
 @pytest.mark.parametrize(

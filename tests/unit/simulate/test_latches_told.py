@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from soter.language.front_end import check_file, system_of
-from soter.simulate.decisions import decision_steps, latch_rows
+from soter.simulate.decisions import decision_steps, latched_rows
 from soter.simulate.run import NativeProgram, run_interpreted
 from soter.simulate.run_report import run_chart
 
@@ -80,6 +80,6 @@ def test_a_report_shows_where_it_waits(returns: str) -> None:
     if returns:
         values = shown[0]
         assert 0 < values.sum() < len(trace)
-        assert (values.astype(bool) == latch_rows(system.modules[0], trace)).all()
+        assert (values.astype(bool) == latched_rows(system.modules[0], trace)).all()
         assert not values[trace["modules"]["mode"][:, 0] == 1].any()
     assert not any("Guard.latch" in s.name for s in chart.series)

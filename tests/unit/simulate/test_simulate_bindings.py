@@ -8,7 +8,7 @@ import pytest
 
 from soter.diagnostics.diagnostic import SoterError
 from soter.native.extern_bindings import bind
-from soter.simulate.externs.callables import callables
+from soter.simulate.externs.callables import load_callables
 from soter.simulate.interrupt import StopRequest
 from soter.simulate.run import NativeProgram, run_interpreted
 
@@ -71,13 +71,13 @@ def test_a_class_is_made_once_for_each_instance(flat: Flat) -> None:
         def step(self, _: object) -> float:
             return 0.0
 
-    callables(bind(flat(TEXT, "Two"), {"Learned": Policy}), "native", StopRequest())
+    load_callables(bind(flat(TEXT, "Two"), {"Learned": Policy}), "native", StopRequest())
     assert len(made) == 2
 
 
 def test_what_cannot_be_called_is_refused(flat: Flat) -> None:
     with pytest.raises(SoterError) as caught:
-        callables(bind(flat(TEXT, "One"), {"Learned": 3}), "native", StopRequest())
+        load_callables(bind(flat(TEXT, "One"), {"Learned": 3}), "native", StopRequest())
     assert caught.value.diagnostics[0].code == "X002"
 
 
@@ -90,9 +90,9 @@ def test_a_binding_to_c_reaches_the_generated_program(flat: Flat, tmp_path: Path
     )
     bindings = bind(flat(TEXT, "One"), {"Learned": f"c:{file}:go"})
     system = bindings.system
-    assert callables(bindings, "native", StopRequest()) == {}
+    assert load_callables(bindings, "native", StopRequest()) == {}
     native = NativeProgram(system, core=bindings.core).run(10**9, 1, hash_trace=True)
-    bound = callables(bindings, "interp", StopRequest())
+    bound = load_callables(bindings, "interp", StopRequest())
     interpreted = run_interpreted(system, 10**9, 1, bound)
     assert native.trace_sha256 == interpreted.trace_sha256
     assert native.final["p"]["x"] > 0.2
@@ -144,10 +144,10 @@ def test_every_type_crosses_to_c_and_back(flat: Flat, tmp_path: Path) -> None:
     hashes = set()
     for target in (in_python, f"c:{file}:step"):
         bindings = bind(flat(TYPES), {"E": target})
-        bound = callables(bindings, "native", StopRequest())
+        bound = load_callables(bindings, "native", StopRequest())
         program = NativeProgram(bindings.system, core=bindings.core)
         hashes.add(program.run(10**9, 1, bound, hash_trace=True).trace_sha256)
-        bound = callables(bindings, "interp", StopRequest())
+        bound = load_callables(bindings, "interp", StopRequest())
         hashes.add(run_interpreted(bindings.system, 10**9, 1, bound).trace_sha256)
     assert len(hashes) == 1
 
@@ -171,7 +171,7 @@ def test_locals_of_a_c_node_are_for_the_native_engine(flat: Flat, tmp_path: Path
     run = NativeProgram(bindings.system, core=bindings.core).run(10**9, 1)
     assert run.final["E"]["n"] == 101
     with pytest.raises(SoterError) as caught:
-        callables(bindings, "interp", StopRequest())
+        load_callables(bindings, "interp", StopRequest())
     assert caught.value.diagnostics[0].code == "X008"
 
 

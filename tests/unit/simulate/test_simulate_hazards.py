@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from soter.native.extern_bindings import bind
-from soter.simulate.externs.callables import callables
+from soter.simulate.externs.callables import load_callables
 from soter.simulate.interrupt import StopRequest
 from soter.simulate.run import NativeProgram, run_interpreted
 
@@ -35,7 +35,7 @@ STEPS = 51
 
 def run(flat: Flat, target: object, engine: str) -> Run:
     bindings = bind(flat(TEXT), {"Learned": target})
-    bound = callables(bindings, engine, StopRequest())
+    bound = load_callables(bindings, engine, StopRequest())
     if engine == "native":
         program = NativeProgram(bindings.system, core=bindings.core)
         return program.run(10**9, 1, bound, hash_trace=True)

@@ -17,7 +17,7 @@ from soter.simulate.decisions import PredicateValues, decision_reason, decision_
 from soter.simulate.explain_decision import Explainer
 from soter.simulate.interrupt import StopRequest, stoppable_run
 from soter.simulate.run import NativeProgram, run_interpreted
-from soter.simulate.run_fields import DOCUMENT, final_values, scalars
+from soter.simulate.run_fields import DOCUMENT, final_numbers, final_values
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -108,7 +108,7 @@ def test_final_values_by_full_name(cart: Cart) -> None:
     values = final_values(run)
     assert values["goal"] == 9.5
     assert values["c.truth"] == {"x": run.trace["c"]["x"][-1], "v": run.trace["c"]["v"][-1]}
-    assert scalars(run)["motion.x"] == run.trace["topics"]["motion"]["x"][-1]
+    assert final_numbers(run)["motion.x"] == run.trace["topics"]["motion"]["x"][-1]
 
 
 # ---------------------------------------------------------------- stopping

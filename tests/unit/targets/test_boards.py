@@ -12,7 +12,7 @@ import soter
 from soter.diagnostics.diagnostic import SoterError
 from soter.native.stack_bound import StackBound
 from soter.targets.cortex_m_board import BOARDS, board_names, parsed_board, read_board
-from soter.targets.cortex_m_image import build_image, missing_tools, require_stack
+from soter.targets.cortex_m_image import build_image, missing_tool, require_enough_stack
 from soter.targets.cortex_m_package import linker_script
 from tables import all_rows
 
@@ -122,8 +122,8 @@ def test_a_program_that_does_not_fit_says_by_how_much(
     file = tmp_path / "small.c"
     file.write_text(changed(old, new), encoding="utf-8")
     board = read_board(str(file))
-    if missing_tools(board):
-        pytest.skip(missing_tools(board))
+    if missing_tool(board):
+        pytest.skip(missing_tool(board))
     package = soter.load(CART).build("cortex-m", tmp_path / "out", board=str(file))
     with pytest.raises(SoterError) as caught:
         build_image(package, board)
@@ -135,8 +135,8 @@ def test_a_program_that_does_not_fit_says_by_how_much(
 
 def test_what_is_too_small_for_an_extern_is_named(tmp_path: Path) -> None:
     board = read_board("mps2-an500")
-    if missing_tools(board):
-        pytest.skip(missing_tools(board))
+    if missing_tool(board):
+        pytest.skip(missing_tool(board))
     one = TWO.replace("extern node Camera period 10ms { publishes seen; failsafe seen = 0.0; }", "")
     (tmp_path / "one.soter").write_text(one.replace("node Camera;", ""), encoding="utf-8")
     (tmp_path / "fast.c").write_text(
@@ -155,9 +155,11 @@ def test_what_is_too_small_for_an_extern_is_named(tmp_path: Path) -> None:
 
 def test_a_stack_that_is_too_small_says_by_how_much() -> None:
     board = read_board("mps2-an500")
-    require_stack(StackBound(board.stack_bytes, way=("soter_instant",)), board)
+    require_enough_stack(StackBound(board.stack_bytes, way=("soter_instant",)), board)
     with pytest.raises(SoterError) as caught:
-        require_stack(StackBound(board.stack_bytes + 24, way=("soter_instant", "step")), board)
+        require_enough_stack(
+            StackBound(board.stack_bytes + 24, way=("soter_instant", "step")), board
+        )
     (diagnostic,) = caught.value.diagnostics
     assert diagnostic.code == "X015"
     assert "24 bytes too many for its stack" in diagnostic.message
@@ -220,5 +222,5 @@ def test_without_tools_there_is_a_package_and_words(
     fake_compiler(tools, "4.9.3 20150529")
     assert "is too old: arm-none-eabi-gcc (GNU) 4.9.3" in build_image(package, board).why
     fake_compiler(tools, "13.2.0")
-    assert missing_tools(board) == ""
+    assert missing_tool(board) == ""
     assert os.environ["PATH"] == str(tools)

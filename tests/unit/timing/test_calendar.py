@@ -12,7 +12,7 @@ import pytest
 from generators.simulated_thread import Job, at_worst, drawn, spans, turn
 from long_tests import examples, seed_of
 from soter.timing import trusted_thread
-from soter.timing.trusted_thread import Analysis, Task, WorstResponse, analyse
+from soter.timing.trusted_thread import Analysis, Task, WorstResponse, analyse_thread
 
 SETS = examples(300)
 
@@ -42,7 +42,7 @@ def test_nothing_is_later_than_computed_and_the_computed_is_reached() -> None:
     kept = 0
     for _ in range(SETS):
         jobs = drawn(rng, rng.uniform(0.3, 1.0))
-        analysis = analyse(tasks_of(jobs))
+        analysis = analyse_thread(tasks_of(jobs))
         assert analysis.exact
         if analysis.miss is not None:
             continue
@@ -70,7 +70,7 @@ def test_what_is_refused_has_an_execution_that_misses_first_there() -> None:
     refused = 0
     for _ in range(SETS):
         jobs = drawn(rng, rng.uniform(0.6, 1.2))
-        miss = analyse(tasks_of(jobs)).miss
+        miss = analyse_thread(tasks_of(jobs)).miss
         if miss is None:
             continue
         refused += 1
@@ -84,7 +84,7 @@ def test_what_is_refused_has_an_execution_that_misses_first_there() -> None:
 
 def overload(excess: int) -> Analysis:
     """Two jobs, of which the second keeps the thread busy, and `excess` more, in 1000."""
-    return analyse(
+    return analyse_thread(
         [
             Task("a", period=10, phase=0, wcet=5, jitter=0, deadline=10),
             Task("b", period=1000, phase=0, wcet=500 + excess, jitter=0, deadline=100_000),
@@ -103,7 +103,7 @@ def test_a_thread_that_is_asked_for_too_much_misses_however_little_that_is() -> 
 
 
 def test_work_that_fills_all_time_is_no_miss_by_itself() -> None:
-    analysis = analyse(
+    analysis = analyse_thread(
         [
             Task("a", period=10, phase=0, wcet=5, jitter=0, deadline=10),
             Task("b", period=20, phase=5, wcet=10, jitter=0, deadline=20),
@@ -119,7 +119,7 @@ def test_hyperperiods_that_only_add_to_the_backlog_are_left_out_of_the_search() 
         Task("a", period=1_000_003, phase=0, wcet=1_000_003, jitter=0, deadline=10**12),
         Task("b", period=1_000_003, phase=0, wcet=1, jitter=0, deadline=10**12),
     ]
-    miss = analyse(tasks).miss
+    miss = analyse_thread(tasks).miss
     assert miss is not None
     s = miss.step
     assert s.end == s.release + 1_000_003 + s.number * 1 + (s.task == 1) * 1
@@ -132,9 +132,9 @@ def test_of_a_calendar_that_is_too_long_there_is_a_bound(monkeypatch: pytest.Mon
     decided = 0
     for _ in range(SETS):
         jobs = drawn(rng, rng.uniform(0.2, 0.8))
-        exact = analyse(tasks_of(jobs))
+        exact = analyse_thread(tasks_of(jobs))
         monkeypatch.setattr(trusted_thread, "RELEASES_MAX", 10)
-        bound = analyse(tasks_of(jobs))
+        bound = analyse_thread(tasks_of(jobs))
         monkeypatch.undo()
         if bound.exact:
             assert (bound.miss is None) == (exact.miss is None)
@@ -150,7 +150,7 @@ def test_of_a_calendar_that_is_too_long_there_is_a_bound(monkeypatch: pytest.Mon
 
 
 def test_who_was_not_released_before_a_miss_has_no_figures() -> None:
-    analysis = analyse(
+    analysis = analyse_thread(
         [
             Task("a", period=10, phase=0, wcet=11, jitter=0, deadline=10),
             Task("b", period=40, phase=30, wcet=1, jitter=0, deadline=40),
@@ -161,4 +161,4 @@ def test_who_was_not_released_before_a_miss_has_no_figures() -> None:
 
 
 def test_no_tasks_are_no_trouble() -> None:
-    assert analyse([]).miss is None
+    assert analyse_thread([]).miss is None

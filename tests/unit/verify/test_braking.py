@@ -138,7 +138,7 @@ def test_the_plant_says_the_rate_of_that_room() -> None:
         given = {"c.room": 30.0, "c.v": v, "command.drive": drive, "command.brake": brake}
         given |= {"c.more": more}
         box = np.array([[given.get(n, 0.0)] * 2 for n in names])
-        rates = forms.numbers("derivative", box, 2)
+        rates = forms.result_bounds("derivative", box, 2)
         assert rates is not None
         s = min(max(v / SLOW, 0.0), 1.0)
         dv = (1.0 - brake) * drive - brake * B * (1.0 + more) * s

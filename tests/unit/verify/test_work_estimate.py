@@ -77,7 +77,7 @@ def test_what_computes_tables_before_it_flies_says_how_long(
         clock[0] += SECONDS_A_CELL * cell_count(small)
         return empty
 
-    monkeypatch.setattr(missing_predicates, "_one_case", case)
+    monkeypatch.setattr(missing_predicates, "_case_with_levels", case)
     monkeypatch.setattr(missing_predicates, "_cached_sets", lambda *_: None)
     lines: list[str] = []
     with listening_to_phases(lambda *_: None, lines.append):

@@ -56,8 +56,8 @@ class CertifiedProof:
     """What a certificate may support.
 
     `rejected`: why it is rejected, or ""; `not_rechecked`: why the re-checker neither accepts nor
-    rejects it, or ""; `why`: what else keeps it from supporting anything at all.
-    `report`: the re-checker's, if it accepted it.
+    rejects it, or ""; `why`: what else keeps it from supporting any goal, or "". `report`: the
+    re-checker's, if it accepted it.
     """
 
     path: str = ""
@@ -70,10 +70,10 @@ class CertifiedProof:
     entries: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
     """Name of a module of the system -> its entries in the manifest, one for each view."""
 
-    def confirmed_for(
+    def confirmed_reports(
         self, flat: System, module: Module, params: dict[str, str]
     ) -> tuple[list[RecheckedModule], str]:
-        """What was confirmed of exactly this module, one for each view, or why nothing was."""
+        """The re-checker's reports on exactly this module, one a view, or why there are none."""
         if module.forced is not None:
             forced = module.forced.upper()
             return [], f"the module is forced to {forced}: its switch does not switch"
@@ -104,7 +104,7 @@ def certified_proof(
     progress: Progress | None,
     tell: Tell,
 ) -> CertifiedProof:
-    """What a certificate says of a system; first `tell`s misfits; SoterError D006, D007, D009."""
+    """What a certificate supports of a system; `tell` gets misfits; SoterError D006, D007, D009."""
     if cert is None:
         return CertifiedProof(why="no certificate was given (--cert DIR)")
     known = _compared_certificate(Path(cert), flat, params)
@@ -125,7 +125,7 @@ def certified_proof(
 
 
 def _compared_certificate(folder: Path, flat: System, params: dict[str, str]) -> CertifiedProof:
-    """Compares seal, hashes and the manifest's subject with the system, which takes no time."""
+    """The certificate, after fast tests of seal, hashes and the manifest's subject."""
     from soter.certificate.reading.folder import (  # noqa: PLC0415 - needs NumPy
         NotACertificateError,
         read_certificate,
@@ -159,14 +159,14 @@ def _compared_certificate(folder: Path, flat: System, params: dict[str, str]) ->
 
 
 def _why_other_program(flat: System, certified: CheckResult, overrides: dict[str, Any]) -> str:
-    """Says why a certificate does not fit, and what `soter diff` would say of each module."""
-    from soter.verify.posed_problems import posed_in  # noqa: PLC0415 - needs the prover
+    """Why a certificate is of another program, and what `soter diff` says of each module."""
+    from soter.verify.posed_problems import posed_problems_in  # noqa: PLC0415 - needs the prover
 
     try:
-        before = posed_in(system_to_prove(certified, flat.name, overrides, exact=False))
+        before = posed_problems_in(system_to_prove(certified, flat.name, overrides, exact=False))
     except SoterError:
         return OTHER_PROGRAM
-    same = {name: before.get(name) == problem for name, problem in posed_in(flat).items()}
+    same = {name: before.get(name) == problem for name, problem in posed_problems_in(flat).items()}
     words = [f"{name} poses {'the same' if s else 'another'} problem" for name, s in same.items()]
     return "; ".join([OTHER_PROGRAM, *words])
 
@@ -182,11 +182,11 @@ def _certified_parameters(checked: Any, system: str, overrides: dict[str, Any]) 
 
 
 def _manifest_entries(certificate: Certificate, flat: System) -> dict[str, list[dict[str, Any]]]:
-    """By name of a module that is not forced: its entries in the manifest."""
-    given = certificate.manifest.get("modules")
+    """By name of a module that is not forced: its entries in the certificate's manifest."""
+    listed = certificate.manifest.get("modules")
     entries_by_module: dict[str, list[dict[str, Any]]] = {}
     switching = {m.name for m in flat.modules if m.forced is None}
-    for entry in given if isinstance(given, list) else []:
+    for entry in listed if isinstance(listed, list) else []:
         if isinstance(entry, dict) and entry.get("system") == flat.name:
             name = entry.get("module")
             if isinstance(name, str) and name in switching:
@@ -214,22 +214,22 @@ UNUSED = "none: no decision module was compiled for this case"
 @cache
 def rechecker_sha256() -> str:
     """SHA-256 over the files of the re-checker."""
-    told = hashlib.sha256()
+    hashed = hashlib.sha256()
     for room in RECHECKER:
         for path in files_below(SOTER / room, "*.py", "*.soter"):
-            told.update(path.relative_to(SOTER).as_posix().encode())
-            told.update(hashlib.sha256(path.read_bytes()).digest())
-    return told.hexdigest()
+            hashed.update(path.relative_to(SOTER).as_posix().encode())
+            hashed.update(hashlib.sha256(path.read_bytes()).digest())
+    return hashed.hexdigest()
 
 
 def compiler_used() -> str:
-    """The compiler that compiles decision modules here, and its flags; SoterError X005."""
+    """The compiler of decision modules on this machine, and its flags; SoterError X005."""
     compiler = find_compiler()
     return f"{compiler_version(compiler)}; {' '.join((*compiler.flags, *library_flags()))}"
 
 
 def case_provenance(proof: CertifiedProof, command: str) -> dict[str, str]:
-    """By name on the page: the tools and files behind the case, but for the compiler."""
+    """The tools and files behind the case, by their names on the page; not the compiler."""
     certificate = f"SHA-256 {proof.sha256}" if proof.sha256 else ""
     why = f"rejected: {proof.rejected}" if proof.rejected else proof.why
     why = f"not re-checked: {proof.not_rechecked}" if proof.not_rechecked else why
@@ -244,7 +244,7 @@ def case_provenance(proof: CertifiedProof, command: str) -> dict[str, str]:
 
 
 def command_line(path: str, options: Mapping[str, object], params: Mapping[str, object]) -> str:
-    """The command line `soter assure ...` with these options, without those None or False."""
+    """The line `soter assure ...` with these options, but without those None or False."""
     words = ["soter", "assure", path]
     for name, value in params.items():
         words += ["--set", f"{name}={str(value).lower() if isinstance(value, bool) else value}"]

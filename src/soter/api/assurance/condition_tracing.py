@@ -12,16 +12,22 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Any
 
-from soter.api.arguments import end_ns
+from soter.api.arguments import run_end_ns
 from soter.api.assurance.hazard_traceability import LAW
-from soter.codegen.conditions import callees, conditions_of, functions_of, unshown, watching
+from soter.codegen.conditions import (
+    conditions_of,
+    functions_called,
+    functions_of,
+    watching,
+    why_unshown,
+)
 from soter.codegen.unit import UnitBuilder
 from soter.core.steps import lower
 from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import SoterError
 from soter.native.extern_bindings import bind
 from soter.report.safety_case import ConditionTrace, TracedCondition
-from soter.simulate.externs.callables import callables, close_externs
+from soter.simulate.externs.callables import close_externs, load_callables
 from soter.simulate.interrupt import StopRequest
 from soter.simulate.run import NativeProgram
 
@@ -44,17 +50,19 @@ PLACE = re.compile(r"(.*?)(?:, (\S+:\d+))?", re.DOTALL)
 def trace_conditions(
     case: SafetyCase, declared: System, flat: System, tested: list[tuple[str, Shown]]
 ) -> None:
-    """Adds to a case that has its traces those of conditions, with what was `tested` before.
+    """Adds the traces of conditions to a case that has its other traces.
 
-    `flat`: as `declared`, with predicates computed; the check of a DM that computes takes too long.
+    `declared`: the system as declared; `flat`: the same with predicates computed; a DM that
+    computes them is not checked here, which would take too long. `tested`: what was run before,
+    with what it showed.
 
-    A condition is covered by what first shows, with all before it, that it decides by itself.
+    A condition is covered by the first run that shows, with all before it, that it decides alone.
     """
     builder = UnitBuilder(flat, lower(flat), None)
-    unit = builder.run()
+    unit = builder.build_unit()
     functions = functions_of(unit.tree)
     direct = {
-        (item.id, name): callees(functions, _root_functions(builder, flat, name))
+        (item.id, name): functions_called(functions, _root_functions(builder, flat, name))
         for item in case.traceability.items
         for name in item.traces_to
         if name in item.properties
@@ -63,32 +71,32 @@ def trace_conditions(
     decided = [(UNCOUNTED, dict[Any, Any]())]
     shown: list[tuple[str, Shown]] = [*_shown_by_flights(flat)]
     shown += [*(decided if computed else _shown_by_dm_check(case, flat)), *tested]
-    evidence = list(_summed_up(shown))
+    evidence = list(_cumulative_coverage(shown))
     found = []
     for x in conditions_of(unit.tree, unit.source):
-        missing = [unshown(seen.get(x.key[:2], set()), x.key[2]) for _, seen in evidence]
-        said = PLACE.fullmatch(x.of)
-        assert said is not None
-        core, source = said.groups("")
+        missing = [why_unshown(seen.get(x.key[:2], set()), x.key[2]) for _, seen in evidence]
+        place_match = PLACE.fullmatch(x.of)
+        assert place_match is not None
+        core, source = place_match.groups("")
         behind = tuple(row for row, names in direct.items() if x.function in names)
-        by = next((what for (what, _), m in zip(evidence, missing, strict=True) if not m), "")
+        by = next((run for (run, _), m in zip(evidence, missing, strict=True) if not m), "")
         why = "" if by else missing[-1] if missing else "nothing was run"
         place = (core, source, x.function, x.line)
         found.append(TracedCondition(behind, *place, x.decision, x.text, by, why))
     reaching = {row for x in found for row in x.reached_by}
     empty = tuple(row for row in direct if row not in reaching)
-    how = tuple(dict.fromkeys(what for what, _ in shown))
+    how = tuple(dict.fromkeys(run for run, _ in shown))
     case.conditions = ConditionTrace(f"{unit.prefix}.c", how, tuple(found), empty)
 
 
 def _root_functions(builder: UnitBuilder, flat: System, name: str) -> list[str]:
-    """The C functions of what a property is about; of a test of all nodes and modules."""
+    """The C functions that a property is about; for a test those of all nodes and modules."""
     for p in flat.properties:
         if p.component is None and " ".join(f"{p.kind} {p.text}".split()) == name:
             return [f"{builder.prefix}_property_{p.index}"]
-    about, _, what = name.rpartition(".")
+    about, _, property_name = name.rpartition(".")
     modules = [m for m in flat.modules if about in ("", m.name)]
-    if about and what == LAW:
+    if about and property_name == LAW:
         return [f"{builder.names[i]}_failsafe" for m in modules for i in (m.ac, m.sc)]
     nodes = [m.sc for m in modules] if about else [x.index for x in flat.components if not x.plant]
     steps = [f"{builder.names[i]}{end}" for i in nodes for end in ("_step", "_effect", "_exchange")]
@@ -96,16 +104,16 @@ def _root_functions(builder: UnitBuilder, flat: System, name: str) -> list[str]:
 
 
 def _shown_by_flights(flat: System) -> Iterator[tuple[str, Shown]]:
-    """What flights with seeds 1 to `RUNS` show; where externs are not bound, why there are none."""
+    """Yields what flights with seeds 1 to `RUNS` show, or why no flights are possible."""
     phase("flying to see conditions")
     with watching() as seen:
         try:
             bindings = bind(flat, {})
-            bound = callables(bindings, "native", StopRequest())
+            bound = load_callables(bindings, "native", StopRequest())
             try:
                 program = NativeProgram(flat, core=bindings.core)
                 for seed in range(1, RUNS + 1):
-                    program.run(end_ns(flat, None), seed, bound)
+                    program.run(run_end_ns(flat, None), seed, bound)
                     yield f"run of {flat.name}, seed {seed}", seen()
             finally:
                 close_externs(bound)
@@ -114,7 +122,7 @@ def _shown_by_flights(flat: System) -> Iterator[tuple[str, Shown]]:
 
 
 def _shown_by_dm_check(case: SafetyCase, flat: System) -> Iterator[tuple[str, Shown]]:
-    """What the check of the decision modules shows; it says where one differs."""
+    """Yields what the check of the decision modules shows; notes those that differ."""
     from soter.verify.deploy.dm_check import check_decisions  # noqa: PLC0415 - compiles
 
     with watching() as seen:
@@ -123,13 +131,13 @@ def _shown_by_dm_check(case: SafetyCase, flat: System) -> Iterator[tuple[str, Sh
         except (SoterError, NotImplementedError) as error:
             yield f"no check of the decision modules: {error}", {}
             return
-        case.refuted += [f"{x.module}: {x.text}" for x in checks if x.failures]
+        case.refuted += [f"{x.module}: {x.summary}" for x in checks if x.failures]
         yield "check of the decision modules", seen()
 
 
-def _summed_up(shown: list[tuple[str, Shown]]) -> Iterator[tuple[str, Shown]]:
-    """Sums up: each pair with the union of what it and all pairs before it show."""
+def _cumulative_coverage(shown: list[tuple[str, Shown]]) -> Iterator[tuple[str, Shown]]:
+    """Yields each pair with the union of what it and all pairs before it show."""
     total: Shown = {}
-    for what, seen in shown:
+    for run, seen in shown:
         total = {k: total.get(k, set()) | seen.get(k, set()) for k in total.keys() | seen.keys()}
-        yield what, total
+        yield run, total

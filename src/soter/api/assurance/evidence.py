@@ -22,7 +22,7 @@ from soter.diagnostics.diagnostic import mistake
 from soter.diagnostics.system_texts import reason
 from soter.language.load.named_files import read_bytes, read_json_text
 from soter.report.safety_case import CaseNode, SafetyCase
-from soter.version import other_format
+from soter.version import why_format_is_unreadable
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -43,7 +43,7 @@ NUMBERS = 2**31
 
 @dataclass(frozen=True)
 class ReplayedFlights:
-    """Flights flown again; `why`: what is missing, or "" if each equals the recorded one."""
+    """Flights flown again. `why`: what is missing, or "" if each equals its record."""
 
     goal: str
     text: str
@@ -53,7 +53,7 @@ class ReplayedFlights:
 
 @dataclass(frozen=True)
 class FlightFolder:
-    """A campaign's folder as read: what was flown, and a row for each flight, from `file`."""
+    """A campaign's folder. `about`: what was flown; `rows`: one a flight, read from `file`."""
 
     file: Path
     sha256: str
@@ -65,14 +65,14 @@ def replay_flights(
     program: Program,
     flat: System,
     params: Any,  # noqa: ANN401 - as given
-    given: FlightFolder,
+    record: FlightFolder,
     most: int,
 ) -> ReplayedFlights:
-    """Flies up to `most` flights again: first those recorded as violating, then some evenly."""
-    about, rows = given.about, given.rows
+    """Flies up to `most` flights again: first those with violations, then some evenly."""
+    about, rows = record.about, record.rows
     total = f"{len(rows):,} flights of {about['until_ns'] / 1e9:g} s as recorded, "
     total += f"{sum(int(r['violations']) for r in rows)} violations"
-    folder = given.file.parent
+    folder = record.file.parent
     goal = f"No property is violated in the flights of campaign {folder} that were flown again"
     if why := _why_not_flown(flat, about):
         return ReplayedFlights(goal, total, why)
@@ -87,10 +87,10 @@ def replay_flights(
 
     first, until_ns = int(about["first_seed"]), int(about["until_ns"])
     fleet = Fleet(program.flat(flat.name, params), until_ns)
-    code = fleet.code()
+    code = fleet.code_fields()
     if code["unknown"] or about.get("linked", {}) != code["linked"]:
-        said = f"cannot be known ({code['unknown']})" if code["unknown"] else "is another now"
-        return ReplayedFlights(goal, total, f"the C of externs that the campaign flew {said}")
+        why = f"cannot be known ({code['unknown']})" if code["unknown"] else "is another now"
+        return ReplayedFlights(goal, total, f"the C of externs that the campaign flew {why}")
     flown = {f.number: f for f in fleet.fly([int(r["number"]) for r in chosen], first)}
     return _replayed_flights(goal, total, rows, chosen, flown)
 
@@ -108,8 +108,8 @@ def _replayed_flights(
     if other:
         return ReplayedFlights(goal, text, f"flight {other[0]} is another one than the folder says")
     if broken:
-        said = f"flight {broken[0]} of the campaign violates a property"
-        return ReplayedFlights(goal, text, said, said)
+        violation = f"flight {broken[0]} of the campaign violates a property"
+        return ReplayedFlights(goal, text, violation, violation)
     if any(int(r["violations"]) for r in rows):
         return ReplayedFlights(
             goal, text, "flights that violate a property as recorded were not flown again"
@@ -118,7 +118,7 @@ def _replayed_flights(
 
 
 def _why_not_flown(flat: System, about: dict[str, Any]) -> str:
-    """Why no flight can be flown again; "" if they can."""
+    """Why no flight can be flown again; "" if flights can."""
     if about["program_sha256"] != flat.program.sha256 or about["system"] != flat.name:
         return "the campaign is of another program or system: hashes differ"
     if about["arm"] or about["lateness"] or about["horizon_ns"]:
@@ -129,7 +129,7 @@ def _why_not_flown(flat: System, about: dict[str, Any]) -> str:
 
 
 def _chosen_flights(rows: list[dict[str, str]], most: int) -> list[dict[str, str]]:
-    """At most `most` rows: first those of violations, then some evenly; each flight once."""
+    """At most `most` rows, each once: first those with violations, then some evenly."""
     if most <= 0:
         return []
     each = list({int(r["number"]): r for r in rows}.values())
@@ -140,13 +140,13 @@ def _chosen_flights(rows: list[dict[str, str]], most: int) -> list[dict[str, str
 
 
 def read_flights(folder: Path) -> FlightFolder:
-    """Reads a campaign's folder; SoterError D006 if it is none or cannot be read."""
+    """The content of a campaign's folder; SoterError D006 if it is none or unreadable."""
     file = folder / "flights.csv"
     try:
         about = json.loads(read_json_text(folder / "campaign.json"))
         text = read_bytes(file, FLIGHTS_MAX).decode("utf-8")
         rows = list(csv.DictReader(StringIO(text, newline="")))
-        _require_sound(about, rows)
+        _require_sound_campaign(about, rows)
     except (
         OSError,
         ValueError,
@@ -161,11 +161,11 @@ def read_flights(folder: Path) -> FlightFolder:
     return FlightFolder(file, file_hash(file), about, rows)
 
 
-def _require_sound(about: dict[str, Any], rows: list[dict[str, str]]) -> None:
-    """Raises ValueError, KeyError or TypeError for what is wrong with a campaign's files."""
+def _require_sound_campaign(about: dict[str, Any], rows: list[dict[str, str]]) -> None:
+    """Raises ValueError, KeyError or TypeError if the files of a campaign are wrong."""
     from soter.campaign.store import SCHEMA  # noqa: PLC0415 - then only
 
-    if other := other_format(about["schema"], SCHEMA):
+    if other := why_format_is_unreadable(about["schema"], SCHEMA):
         raise ValueError(other)
     for name in ("program_sha256", "system", "arm", "lateness", "horizon_ns"):
         about[name]
@@ -178,12 +178,12 @@ def _require_sound(about: dict[str, Any], rows: list[dict[str, str]]) -> None:
 
 @dataclass(frozen=True)
 class Evidence:
-    """The files given beside a certificate; `told`: test -> what its report says of it."""
+    """The files beside a certificate; `report_by_test`: by test, what its report says."""
 
     program: Program
     flat: System
     params: Any
-    told: dict[str, dict[str, Any]]
+    report_by_test: dict[str, dict[str, Any]]
     report: Path | None
     report_sha256: str
     flights: FlightFolder | None
@@ -197,7 +197,7 @@ class Evidence:
         campaign: str | Path | None,
         tell: Tell,
     ) -> Evidence:
-        """Reads the files, and tells at once what does not fit; SoterError D005, D006."""
+        """Reads the files, and tells at once which do not fit; SoterError D005, D006."""
         report = None if test_report is None else Path(test_report)
         read = Evidence(
             program,
@@ -208,7 +208,7 @@ class Evidence:
             "" if report is None else file_hash(report),
             None if campaign is None else read_flights(Path(campaign)),
         )
-        if any(of["program_sha256"] != flat.program.sha256 for of in read.told.values()):
+        if any(of["program_sha256"] != flat.program.sha256 for of in read.report_by_test.values()):
             tell(OTHER_REPORT)
         if read.flights is not None and (why := _why_not_flown(flat, read.flights.about)):
             tell(why)
@@ -216,8 +216,8 @@ class Evidence:
 
     def add_tests(self, case: SafetyCase, *, explored: bool) -> None:
         """Adds a goal for each test: supported if it was explored now and is clean."""
-        own = [n for n in self.flat.program.tests if "." not in n] if explored else []
-        names = list(dict.fromkeys([*self.told, *own]))
+        present = [n for n in self.flat.program.tests if "." not in n] if explored else []
+        names = list(dict.fromkeys([*self.report_by_test, *present]))
         if not names:
             return
         goal = case.add(CaseNode("G2", "goal", "No execution of the tests violates a property"))
@@ -247,21 +247,21 @@ class Evidence:
         child = case.add(CaseNode(f"G2.{number}", "goal", text, property=name), under=goal)
         leaf = CaseNode(f"Sn.2.{number}", "solution", f"a report on test {name}")
         if result is None or report is None:
-            leaf.why = _report_fault(self.told.get(name), case.program_sha256)
+            leaf.why = _report_fault(self.report_by_test.get(name), case.program_sha256)
             leaf.path, leaf.sha256 = str(self.report or ""), self.report_sha256
         else:
             leaf.text = f"test {name}, explored again just now"
             leaf.why = _why_no_support(result, report)
             leaf.checked = not leaf.why
             before = [int(n.id[1:]) for n in case.nodes if n.kind == "assumption"]
-            for k, said in enumerate(result.assumptions, 1 + max(before, default=0)):
-                said = f"test {name}: {said}"  # noqa: PLW2901 - whose it is
-                node = CaseNode(f"A{k}", "assumption", said, key=said, stated_by="test")
+            for k, assumption in enumerate(result.assumptions, 1 + max(before, default=0)):
+                key = f"test {name}: {assumption}"
+                node = CaseNode(f"A{k}", "assumption", key, key=key, stated_by="test")
                 case.add(node, beside=child)
         case.add(leaf, under=child)
 
     def add_campaign(self, case: SafetyCase, most: int) -> None:
-        """Adds a goal for the campaign: flights are flown again and compared with the digests."""
+        """Adds a goal for the campaign: flights are flown again and their digests compared."""
         if self.flights is None:
             return
         phase("flying again")
@@ -275,25 +275,25 @@ class Evidence:
 
 
 def _why_no_support(result: TestResult, report: ExploreReport) -> str:
-    """Why a test that was explored now supports nothing; "" if every execution is clean."""
+    """Why a test that was explored now supports no goal; "" if all executions are clean."""
     if result.verdict != "exhausted":
         return f"explored just now: {result.verdict}" + f", {result.why}" * bool(result.why)
     for name, tests in result.contracts.items():
         if not tests:
             return f"it rests on the contract of {name}, of which no test asks"
-    return report.unsettled(result)
+    return report.unclean_contracts_note(result)
 
 
-def _report_fault(told: dict[str, Any] | None, sha256: str) -> str:
-    if told is None:
+def _report_fault(test: dict[str, Any] | None, sha256: str) -> str:
+    if test is None:
         return "there is no such test any more"
-    if told["program_sha256"] != sha256:
+    if test["program_sha256"] != sha256:
         return OTHER_REPORT
-    return f"the report says {told['verdict']} of this program; it was not explored again (--tests)"
+    return f"the report says {test['verdict']} of this program; it was not explored again (--tests)"
 
 
 def _tests_in_report(path: Path) -> dict[str, dict[str, Any]]:
-    """By test, its entry in a document of `soter test --json`; SoterError D005, D006."""
+    """By test: its entry in a document of `soter test --json`; SoterError D005, D006."""
     try:
         document = json.loads(read_json_text(path))
         sha256, tests = document["program_sha256"], document["tests"]
@@ -301,5 +301,5 @@ def _tests_in_report(path: Path) -> dict[str, dict[str, Any]]:
     except OSError as error:
         raise mistake("D006", f"cannot read `{path}`: {reason(error)}") from error
     except (ValueError, KeyError, TypeError, RecursionError) as error:
-        what = f"`{path}` is no report of `soter test --json`"
-        raise mistake("D005", what, f"soter test FILE --json > {path}") from error
+        problem = f"`{path}` is no report of `soter test --json`"
+        raise mistake("D005", problem, f"soter test FILE --json > {path}") from error

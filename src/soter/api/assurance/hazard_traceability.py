@@ -58,7 +58,7 @@ NUMBER = re.compile(r"(?<![\w.])(?<![\w\]]\[)-?\d[\d.e+-]*")
 
 @dataclass(frozen=True)
 class HazardRow:
-    """A row with its text `span`; `traces_to`: ids of requirements, names of properties."""
+    """A row with its place `span`. `traces_to`: ids of requirements or names of properties."""
 
     kind: str
     id: str
@@ -72,7 +72,7 @@ class HazardRow:
 
 @dataclass(frozen=True)
 class HazardFile:
-    """The rows of a file, and its SHA-256."""
+    """The path, the SHA-256 and the rows of a file of hazards."""
 
     path: str
     sha256: str
@@ -80,7 +80,7 @@ class HazardFile:
 
 
 def read_hazards(path: Path) -> HazardFile:
-    """Reads a file; SoterError D006 if it cannot be read, D021 for wrong lines."""
+    """The content of a file of hazards; SoterError D006 if unreadable, D021 for wrong lines."""
     try:
         raw = read_bytes(path)
     except OSError as error:
@@ -99,7 +99,7 @@ def _hazard_rows(source: Source, diagnostics: Diagnostics) -> Iterator[HazardRow
     records = _csv_records(source, diagnostics)
     head, where = next(records, ([], Span(source, 0, 0)))
     names = [name.strip() for name in head]
-    if not _is_head(names, where, diagnostics):
+    if not _is_sound_head(names, where, diagnostics):
         return
     first: dict[tuple[bool, str], Span] = {}
     for number, (cells, span) in enumerate(records):
@@ -113,7 +113,7 @@ def _hazard_rows(source: Source, diagnostics: Diagnostics) -> Iterator[HazardRow
             diagnostics.error(CODE, message, span, helps=('a comma inside a cell wants "…"',))
             continue
         row = _hazard_row(dict.fromkeys(COLUMNS, "") | dict(zip(names, cells, strict=True)), span)
-        if not _is_sound(row, diagnostics):
+        if not _is_sound_row(row, diagnostics):
             continue
         before = first.setdefault((row.kind == "assumption", row.id), span)
         if before is not span:
@@ -123,7 +123,7 @@ def _hazard_rows(source: Source, diagnostics: Diagnostics) -> Iterator[HazardRow
 
 
 def _csv_records(source: Source, diagnostics: Diagnostics) -> Iterator[tuple[list[str], Span]]:
-    """Yields each record with its place; stops, with a report, at one that is no CSV."""
+    """Yields each record with its place; stops, with a diagnostic, at one that is not CSV."""
     lines = list(StringIO(source.text, newline=""))
     ends = [0]
     for line in lines:
@@ -148,8 +148,8 @@ def _without_line_break(span: Span) -> Span:
     return Span(span.source, span.start, span.start + len(span.text.rstrip("\r\n")))
 
 
-def _is_head(names: list[str], span: Span, diagnostics: Diagnostics) -> bool:
-    """Whether the first line names all needed columns, no unknown ones, and each once."""
+def _is_sound_head(names: list[str], span: Span, diagnostics: Diagnostics) -> bool:
+    """Whether the first line has all needed columns, no unknown ones, and each only once."""
     before = diagnostics.error_count
     if len(names) == 1 and {";", "\t"} & set(names[0]):
         diagnostics.error(CODE, "columns are separated by commas", span)
@@ -167,21 +167,21 @@ def _is_head(names: list[str], span: Span, diagnostics: Diagnostics) -> bool:
 
 
 def _hazard_row(cells: dict[str, str], span: Span) -> HazardRow:
-    said = {name: " ".join(cell.split()) for name, cell in cells.items()}
-    targets = tuple(t for t in (x.strip() for x in said["traces_to"].split(";")) if t)
+    cells_by_name = {name: " ".join(cell.split()) for name, cell in cells.items()}
+    targets = tuple(t for t in (x.strip() for x in cells_by_name["traces_to"].split(";")) if t)
     return HazardRow(
-        said["kind"],
-        said["id"],
-        said["text"],
+        cells_by_name["kind"],
+        cells_by_name["id"],
+        cells_by_name["text"],
         tuple(dict.fromkeys(targets)),
-        owner=said["owner"],
-        validation=said["validation"],
-        evidence=said["evidence"],
+        owner=cells_by_name["owner"],
+        validation=cells_by_name["validation"],
+        evidence=cells_by_name["evidence"],
         span=span,
     )
 
 
-def _is_sound(row: HazardRow, diagnostics: Diagnostics) -> bool:
+def _is_sound_row(row: HazardRow, diagnostics: Diagnostics) -> bool:
     """Whether a row has a known kind, an id, and the cells of its kind; reports D021 if not."""
     before = diagnostics.error_count
     if row.kind not in KINDS:
@@ -197,9 +197,9 @@ def _is_sound(row: HazardRow, diagnostics: Diagnostics) -> bool:
             diagnostics.error(CODE, f"{row.kind} `{row.id}` has no `{name}`", row.span)
     for name in FOREIGN[row.kind]:
         if getattr(row, name):
-            what = f"the column `{name}` is not for a row of kind `{row.kind}`"
+            problem = f"the column `{name}` is not for a row of kind `{row.kind}`"
             notes = ("an assumption has the words of the re-checker",) * (name == "text")
-            diagnostics.error(CODE, what, row.span, notes=notes)
+            diagnostics.error(CODE, problem, row.span, notes=notes)
     return diagnostics.error_count == before
 
 
@@ -215,21 +215,21 @@ ANSWERS = (
 
 @dataclass(frozen=True)
 class Tracing:
-    """A file of rows that fits a system, if one was given; `how`: property -> how it is shown."""
+    """A file of rows that fits a system, or None. `how`: by property, how it is shown."""
 
     file: HazardFile | None
     how: dict[str, str]
 
     @staticmethod
     def read_tracing(path: Path | None, flat: System) -> Tracing:
-        """Reads a file; SoterError D006, and D021 if a row names what the system does not have."""
+        """Reads a file; SoterError D006, and D021 if a row names what the system lacks."""
         tracing = Tracing(None if path is None else read_hazards(path), _traceable_properties(flat))
         if tracing.file is not None:
             _require_traces(tracing.file.rows, tracing.how)
         return tracing
 
     def enter_traces(self, case: SafetyCase) -> None:
-        """Adds to a finished case owners of assumptions, traces and open items; SoterError D021."""
+        """Adds owners of assumptions, traces and open items to a case; SoterError D021."""
         rows = () if self.file is None else self.file.rows
         assumptions = [n for n in case.nodes if n.kind == "assumption"]
         stale = list(_owner_gaps(assumptions, [r for r in rows if r.kind == "assumption"]))
@@ -263,12 +263,12 @@ class Tracing:
 
 
 def _traceable_properties(flat: System) -> dict[str, str]:
-    """By property that a row may name: how it is shown."""
-    names = [f"{m.name}.{what}" for what in (SAFE, RETURNS, LAW) for m in flat.modules]
+    """By name of a property to which a row may trace: how that property is shown."""
+    names = [f"{m.name}.{name}" for name in (SAFE, RETURNS, LAW) for m in flat.modules]
     how = dict.fromkeys(names, "proof")
     how |= {n: "exploration" for n in flat.program.tests if "." not in n}
-    said = (p for p in flat.properties if p.component is None)
-    return how | {" ".join(f"{p.kind} {p.text}".split()): "flights" for p in said}
+    of_system = (p for p in flat.properties if p.component is None)
+    return how | {" ".join(f"{p.kind} {p.text}".split()): "flights" for p in of_system}
 
 
 def _require_traces(rows: Sequence[HazardRow], how: dict[str, str]) -> None:
@@ -300,12 +300,12 @@ def _check_acyclic(by_id: Mapping[str, HazardRow], diagnostics: Diagnostics) -> 
         TopologicalSorter(graph).prepare()
     except CycleError as error:
         circle = list(reversed(error.args[1]))
-        said = " -> ".join(f"`{name}`" for name in circle)
-        diagnostics.error(CODE, f"these rows trace to themselves: {said}", by_id[circle[0]].span)
+        path = " -> ".join(f"`{name}`" for name in circle)
+        diagnostics.error(CODE, f"these rows trace to themselves: {path}", by_id[circle[0]].span)
 
 
 def reached_properties(rows: Sequence[HazardRow]) -> dict[str, list[str]]:
-    """By id of a row: the properties that it traces to, directly or not, each once."""
+    """By id of a row: the properties to which it traces, also over other rows, each once."""
     by_id = {r.id: r for r in rows}
     reached: dict[str, list[str]] = {}
     graph = {r.id: [t for t in r.traces_to if t in by_id] for r in rows}
@@ -318,7 +318,7 @@ def reached_properties(rows: Sequence[HazardRow]) -> dict[str, list[str]]:
 def _traced_items(
     rows: Sequence[HazardRow], reached: dict[str, list[str]], status: dict[str, str]
 ) -> Iterator[TracedItem]:
-    """Yields each row; it is supported if all its properties and requirements are."""
+    """Yields each row's item; it is supported if all its properties and requirements are."""
     by_id = {r.id: r for r in rows}
     words: dict[str, str] = {}
     for id_, names in reached.items():
@@ -353,7 +353,7 @@ def _untraced_properties(properties: Sequence[TracedProperty]) -> Iterator[OpenI
 
 
 def _owner_gaps(assumptions: Sequence[CaseNode], rows: Sequence[HazardRow]) -> Iterator[OpenItem]:
-    """Adds owners to assumptions; a row without its assumption is SoterError D021, or open."""
+    """Enters owners of assumptions; yields unmatched rows as open, or raises SoterError D021."""
     known = {n.key for n in assumptions}
     groups = {_is_of_test(key) for key in known}
     diagnostics = Diagnostics()

@@ -47,19 +47,19 @@ PLAIN = re.compile(r"-?[A-Za-z_0-9.\[\]]+")
 
 @dataclass(frozen=True)
 class _Text:
-    """An expression as text, how tightly it binds, and for a record the texts of its fields."""
+    """An expression as text. `binds`: how tightly; `parts`: for a record, texts of its fields."""
 
     text: str
     binds: int = ATOM
     parts: dict[str, _Text] = field(default_factory=dict)
 
-    def within(self, least: int) -> str:
+    def bracketed(self, least: int) -> str:
         """The text, in parentheses if it binds less tightly than `least`."""
         return self.text if self.binds >= least else f"({self.text})"
 
 
 def expanded_predicates(system: System, module: Module) -> Iterator[ExpandedPredicate]:
-    """Yields `safe`, `ttf` and `safer` of a module, each expanded by itself."""
+    """Yields `safe`, `ttf` and `safer` of a module, each expanded on its own."""
     symbol = module.symbol
     for name, predicate in (("safe", symbol.safe), ("ttf", symbol.ttf), ("safer", symbol.safer)):
         if predicate is None:
@@ -80,7 +80,7 @@ def expanded_predicates(system: System, module: Module) -> Iterator[ExpandedPred
 
 @dataclass
 class _Expansion:
-    """Expands one predicate; each name stands for one text in it."""
+    """Expands one predicate; within it each name stands for one text."""
 
     system: System
     module: Module
@@ -93,7 +93,7 @@ class _Expansion:
     taken: set[str] = field(default_factory=set)
 
     def predicate_text(self, predicate: typed.TypedExpr) -> str:
-        """The text of a whole predicate."""
+        """The text of the predicate as a whole."""
         topics = {
             self.topic_name(n.topic): n.type
             for n in nodes([predicate])
@@ -115,7 +115,7 @@ class _Expansion:
     # ------------------------------------------------------------ names
 
     def named_text(self, base: str, value: _Text) -> _Text:
-        """Gives a text a name, for a record each field; equal texts have one name."""
+        """A name for a text, or for a record names of its fields; equal texts share one."""
         if value.parts:
             parts = {
                 name: self.named_text(f"{base}_{name}", part) if _is_long(part) else part
@@ -130,7 +130,7 @@ class _Expansion:
         return _Text(name)
 
     def free_name(self, base: str) -> str:
-        """The name `base`, or with the first number behind it that is free."""
+        """The name `base`, with a number behind it if `base` is already taken."""
         name, number = base, 1
         while name in self.taken:
             number += 1
@@ -139,13 +139,13 @@ class _Expansion:
         return name
 
     def noted_constant(self, name: str, t: Type, value: Value) -> _Text:
-        """The name of a constant or parameter, which is noted with its value."""
+        """The name of a constant or parameter; its value is noted for the reader."""
         known = self.constants.get(name)
         if known is None:
             text = _constant_text(t, value)
             if len(text) > VALUE_MAX:
                 text = f"{text[:VALUE_MAX]}… ({len(text):,} letters: the program has all)"
-            known = Definition(self.free_name(name.rpartition(".")[2]), text, _unit(t))
+            known = Definition(self.free_name(name.rpartition(".")[2]), text, _unit_of_type(t))
             self.constants[name] = known
         return _Text(known.name)
 
@@ -182,14 +182,14 @@ class _Expansion:
         return _Text(self.atom_text(e, env))
 
     def operation_text(self, e: typed.TypedExpr, env: dict[typed.Variable, _Text]) -> _Text:
-        """The text of an operation, with needed parentheses and some that help readers."""
+        """The text of an operation, with the parentheses that it or a reader needs."""
         if isinstance(e, typed.TypedUnary):
             operand = self.expression_text(e.operand, env)
-            within = operand.within(ATOM if operand.text.startswith(("-", "!")) else UNARY)
+            within = operand.bracketed(ATOM if operand.text.startswith(("-", "!")) else UNARY)
             return _Text(f"{e.op}{within}", UNARY)
         if isinstance(e, typed.Conditional):
             sides = (e.condition, e.then, e.otherwise)
-            if_, then, otherwise = (self.expression_text(x, env).within(1) for x in sides)
+            if_, then, otherwise = (self.expression_text(x, env).bracketed(1) for x in sides)
             return _Text(f"{if_} ? {then} : {otherwise}", CONDITIONAL)
         assert isinstance(e, (typed.TypedBinary, typed.Vector))
         binds = PRECEDENCE[e.op]
@@ -199,27 +199,27 @@ class _Expansion:
         signed = right.text.startswith("-") and e.op in ("+", "-", "*", "/", "%")
         beside = ATOM if signed else max(least, binds + 1)
         same = isinstance(e.left, typed.TypedBinary) and e.left.op == e.op and binds == left.binds
-        first = left.within(binds if same else least)
-        return _Text(f"{first} {e.op} {right.within(beside)}", binds)
+        first = left.bracketed(binds if same else least)
+        return _Text(f"{first} {e.op} {right.bracketed(beside)}", binds)
 
     def field_text(self, e: typed.TypedField, env: dict[typed.Variable, _Text]) -> _Text:
-        """The text of a field; for a record that was written out just that part."""
+        """The text of a field; if the record is written out, only the text of that part."""
         target = self.expression_text(e.target, env)
         assert isinstance(e.target.type, RecordType)
         name = e.target.type.fields[e.index][0]
-        return target.parts.get(name) or _Text(f"{target.within(ATOM)}.{name}")
+        return target.parts.get(name) or _Text(f"{target.bracketed(ATOM)}.{name}")
 
     def literal_text(self, e: typed.Aggregate, env: dict[typed.Variable, _Text]) -> _Text:
         """The text of a record, array or list literal."""
-        given = [self.expression_text(x, env) for x in e.elements]
+        values = [self.expression_text(x, env) for x in e.elements]
         fields = getattr(e.type, "fields", None)
         if fields is None:
-            return _Text(f"[{', '.join(x.text for x in given)}]")
-        by_field = dict(zip(e.order or range(len(given)), given, strict=True))
+            return _Text(f"[{', '.join(x.text for x in values)}]")
+        by_field = dict(zip(e.order or range(len(values)), values, strict=True))
         return _record_text({name: by_field[i] for i, (name, _) in enumerate(fields)})
 
     def atom_text(self, e: typed.TypedExpr, env: dict[typed.Variable, _Text]) -> str:
-        """The text of an expression that never needs parentheses."""
+        """The text of an expression that never needs parentheses around it."""
         match e:
             case typed.TopicRead():
                 return self.topic_name(e.topic)
@@ -234,22 +234,22 @@ class _Expansion:
                 )
             case typed.Index():
                 index = self.expression_text(e.index, env).text
-                return f"{self.expression_text(e.target, env).within(ATOM)}[{index}]"
+                return f"{self.expression_text(e.target, env).bracketed(ATOM)}[{index}]"
             case typed.TypedLength():
-                return f"{self.expression_text(e.target, env).within(ATOM)}.len"
+                return f"{self.expression_text(e.target, env).bracketed(ATOM)}.len"
         return " ".join(e.span.text.split())  # `time`, `dt`: the same everywhere
 
     # ------------------------------------------------------------ functions
 
     def call_text(self, e: typed.TypedCall, env: dict[typed.Variable, _Text]) -> _Text:
-        """The text of what a function computes, or of the call if its body is no expression."""
+        """The text of a function's result, or the call if its body is not an expression."""
         fun = e.fun
-        given = [self.expression_text(x, env) for x in e.arguments]
+        texts = [self.expression_text(x, env) for x in e.arguments]
         short = fun.name.rpartition(".")[2]
         if fun.prelude or fun.body is None or not _is_expression(fun.body):
-            return _Text(f"{self.kept_call_name(fun)}({', '.join(x.text for x in given)})")
+            return _Text(f"{self.kept_call_name(fun)}({', '.join(x.text for x in texts)})")
         inner = {}
-        for variable, value in zip(fun.parameters, given, strict=True):
+        for variable, value in zip(fun.parameters, texts, strict=True):
             reads = [n for n in nodes(fun.body) if isinstance(n, typed.VarRead)]
             often = sum(n.variable is variable for n in reads) > 1
             inner[variable] = (
@@ -261,7 +261,7 @@ class _Expansion:
         return result
 
     def kept_call_name(self, fun: typed.FunSymbol) -> str:
-        """The name of a function that stays a call; its text, and texts that it calls, are kept."""
+        """The name of a function that stays a call; notes its text and those it calls."""
         short = fun.name.rpartition(".")[2]
         if fun.prelude:
             return short
@@ -275,13 +275,13 @@ class _Expansion:
                 called[n.span.text.partition("(")[0].strip()] = self.kept_call_name(n.fun)
             elif isinstance(n, typed.ParamRead) or (isinstance(n, typed.Literal) and n.name):
                 called[" ".join(n.span.text.split())] = self.expression_text(n, {}).text
-        told = [f"{said} is {what}" for said, what in called.items() if said != what]
-        text = name + _source_text(fun)[len(short) :] + f"  // {', '.join(told)}" * bool(told)
+        notes = [f"{part} is {text}" for part, text in called.items() if part != text]
+        text = name + _source_text(fun)[len(short) :] + f"  // {', '.join(notes)}" * bool(notes)
         self.functions[fun.name] = Definition(name, text)
         return name
 
     def body_text(self, body: Sequence[typed.TypedStmt], env: dict[typed.Variable, _Text]) -> _Text:
-        """The text of what a body returns, if it is an expression (`_is_expression`)."""
+        """The text of the value that a body returns; the body is an `_is_expression`."""
         first, rest = body[0], body[1:]
         if isinstance(first, typed.TypedReturn):
             return self.expression_text(first.value, env)
@@ -294,7 +294,7 @@ class _Expansion:
         results = [self.body_text(arm, env) for _, arm in first.arms]
         text = self.body_text((*first.otherwise, *rest), env)
         for condition, result in reversed(list(zip(conditions, results, strict=True))):
-            shown = f"{condition.within(1)} ? {result.within(1)} : {text.within(1)}"
+            shown = f"{condition.bracketed(1)} ? {result.bracketed(1)} : {text.bracketed(1)}"
             text = _Text(shown, CONDITIONAL)
         return text
 
@@ -326,23 +326,23 @@ def _record_text(parts: dict[str, _Text]) -> _Text:
 
 
 def _definitions_in(text: str, topics: dict[str, Type]) -> dict[str, Definition]:
-    """The types and units of the topics, and of fields of topics, in a text."""
+    """By name: type and unit of each topic, and field of a topic, that a text mentions."""
     read = {}
     for name, t in topics.items():
         for path in re.findall(rf"(?<![\w.]){re.escape(name)}((?:\.\w+)*)(?![\w:])", text):
             leaf = t
             for part in path.split(".")[1:]:
                 leaf = dict(getattr(leaf, "fields", ())).get(part, leaf)
-            read[name + path] = Definition(name + path, str(leaf), _unit(leaf))
+            read[name + path] = Definition(name + path, str(leaf), _unit_of_type(leaf))
     return dict(sorted(read.items()))
 
 
-def _unit(t: Type) -> str:
+def _unit_of_type(t: Type) -> str:
     return t.unit if isinstance(t, (FloatType, IntType)) else ""
 
 
 def _constant_text(t: Type, value: Value) -> str:
-    """A constant as source text if it is a scalar, else as JSON."""
+    """A constant as Soter source if it is a scalar, else as JSON."""
     if isinstance(t, EnumType):
         return f"{t.name.rpartition('.')[2]}.{t.members[value]}"
     if isinstance(t, DurationType):
@@ -353,7 +353,7 @@ def _constant_text(t: Type, value: Value) -> str:
 
 
 def _source_text(fun: typed.FunSymbol) -> str:
-    """The source of a function from its name on; for an extern its first line."""
+    """The source of a function from its name on; for an extern only its first line."""
     text = fun.span.source.text[fun.span.start :]
     end = text.find(";") if fun.body is None else _closing_brace(text)
     return text[: end + 1]

@@ -5,7 +5,7 @@ their evidence now: the certificate by the re-checker, tests by exploring and fl
 again; any other file is listed with its hash, and supports nothing. `add_argument` adds the top
 goal and the properties below it; beside it, as goals of their own, that control comes back (P2b),
 that a fail-safe law holds once the trusted part has stopped, and that the compiled decision module
-(DM) is the one that was proved. `compiled_as_proved` repeats the check of `soter verify`, row DM;
+(DM) is the one that was proved. `check_compiled` repeats the check of `soter verify`, row DM;
 for computed `ttf` and `safer` with the certificate's tables, which the re-checker has confirmed.
 Non-goals: the pages (`report/safety_case_page.py`); proving; the certificate
 (`certificate_check.py`); the check of the DM (`verify/deploy/dm_check.py`): what it does not try
@@ -35,13 +35,13 @@ from soter.api.exploring import chosen_tests
 from soter.api.output_files import require_no_certificate
 from soter.api.rechecking import require_flint
 from soter.codegen.conditions import watching
-from soter.diagnostics.command_records import needless
+from soter.diagnostics.command_records import refuse_needless
 from soter.diagnostics.diagnostic import SoterError, mistake
 from soter.language.elaborate.derived_systems import faultless
 from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.language.model import typed
 from soter.language.model.tree_walk import nodes
-from soter.report.atomic_write import own_place
+from soter.report.atomic_write import own_path
 from soter.report.safety_case import (
     LAWS,
     RETURNS,
@@ -70,10 +70,10 @@ UNTRIED = (typed.AgeRead, typed.ModeRead)
 """Expressions for which the check of the DM tries no values."""
 
 
-def compiled_as_proved(
+def check_compiled(
     flat: System, module: Module, entries: Sequence[dict[str, Any]], certificate: Certificate
 ) -> tuple[str, str, bool]:
-    """What was tried of the C, why that is not enough ("": it is), whether the C differs.
+    """What was tried of the C, why that is not enough ("" if it is), and whether the C differs.
 
     `flat`: the system as declared; `entries`: the certificate's for the module, one for each view.
     """
@@ -84,7 +84,7 @@ def compiled_as_proved(
     read = nodes([e for e in (symbol.ttf, symbol.safer) if e is not None])
     if any(isinstance(n, UNTRIED) for n in read):
         return "", "not tried: `ttf` or `safer` reads an age, or a mode", False
-    said = ""
+    tried = ""
     try:
         for system, seen in systems_by_view(faultless(flat), module):
             problem = extract(system, seen)
@@ -93,11 +93,11 @@ def compiled_as_proved(
                 return "", "not tried: its predicates are no tables of cells", False
             check = check_problem(problem, tables)
             if check.failures:
-                return "", check.text, True
-            said = check.text
+                return "", check.summary, True
+            tried = check.summary
     except (SoterError, NotImplementedError) as error:
         return "", f"not tried: {error}", False
-    return said, "", False
+    return tried, "", False
 
 
 def _group_tables(
@@ -153,44 +153,44 @@ COMPILED = "G6"
 
 @dataclass(frozen=True)
 class _ConfirmedModule:
-    """A module, and what the re-checker confirmed of it."""
+    """A module with its number, and what the re-checker confirmed of it."""
 
     number: int
     module: Module
     reports: list[RecheckedModule]
     why: str
 
-    def missing(self, claim: str) -> str:
-        """Why a claim is not confirmed; "" if it is, in every view."""
+    def why_unconfirmed(self, claim: str) -> str:
+        """Why a claim is not confirmed; "" if it is confirmed in every view."""
         if self.reports and all(claim in m.confirmed for m in self.reports):
             return ""
-        said = dict.fromkeys(m.claims.get(claim, "not claimed") for m in self.reports)
-        return self.why or f"the certificate does not confirm {claim}: {', '.join(said)}"
+        answers = dict.fromkeys(m.claims.get(claim, "not claimed") for m in self.reports)
+        return self.why or f"the certificate does not confirm {claim}: {', '.join(answers)}"
 
 
 def add_argument(case: SafetyCase, flat: System, proof: CertifiedProof) -> CaseNode:
-    """Adds the goals about the certificate; returns the top goal. Refutations are noted, too."""
+    """Adds the goals about the certificate, notes refutations, and gives the top goal."""
     if proof.rejected:
         case.refuted.append(f"the certificate is rejected: {proof.rejected}")
     shown = [
-        _ConfirmedModule(k, m, *proof.confirmed_for(flat, m, case.params))
+        _ConfirmedModule(k, m, *proof.confirmed_reports(flat, m, case.params))
         for k, m in enumerate(flat.modules, 1)
     ]
     top = case.add(CaseNode("G1", "goal", _top_goal_text(flat)))
     strategy = case.add(CaseNode("S1", "strategy", MODULES), under=top)
     for each in shown:
-        _add_module(case, strategy, flat, each, proof)
-    _add_returns(case, top, shown, proof)
-    _add_laws(case, flat, shown, proof)
-    compiled = _add_compiled(case, flat, shown, proof)
+        _add_module_goals(case, strategy, flat, each, proof)
+    _add_return_goals(case, top, shown, proof)
+    _add_law_goals(case, flat, shown, proof)
+    compiled = _add_compiled_goals(case, flat, shown, proof)
     used = [m for each in shown for m in each.reports]
     if proof.report is not None and used:
         rest = [s for s in proof.report.not_covered if s.key != "compiled" or not compiled]
-        _add_context(case, top, used, rest, proof.report)
+        _add_assumptions(case, top, used, rest, proof.report)
     return top
 
 
-def _add_context(
+def _add_assumptions(
     case: SafetyCase,
     top: CaseNode,
     used: Sequence[RecheckedModule],
@@ -219,7 +219,7 @@ def _add_context(
 
 
 def _vacuous_sentences(used: Sequence[RecheckedModule]) -> list[str]:
-    """Sentences on modules proved of next to no states, or whose AC was not examined."""
+    """Sentences on modules whose proof covers almost no state, or whose AC was not examined."""
     unseen = "it was not looked at whether AC ever has control"
     return [f"{m.name}: {m.vacuous}" for m in used if m.vacuous] + [
         f"{m.name}: {unseen} ({m.unseen})" for m in used if m.unseen
@@ -227,7 +227,7 @@ def _vacuous_sentences(used: Sequence[RecheckedModule]) -> list[str]:
 
 
 def _top_goal_text(flat: System) -> str:
-    """The top goal's text: safe while DM, SC and gate run; a law after that is another goal."""
+    """The text of the top goal: safe while the trusted part runs (a later law has its own goal)."""
     kept = " and ".join(f"`{_safe(m)}`" for m in flat.modules) or "nothing"
     return (
         f"System {flat.name} keeps {kept} for as long as its trusted part runs, in every run that "
@@ -239,14 +239,14 @@ def _safe(m: Module) -> str:
     return " ".join(m.symbol.safe.span.text.split())
 
 
-def _add_module(
+def _add_module_goals(
     case: SafetyCase,
     strategy: CaseNode,
     flat: System,
     each: _ConfirmedModule,
     proof: CertifiedProof,
 ) -> None:
-    """Adds, for one module, the properties that safety needs."""
+    """Adds the goal of one module, and below it the properties that safety needs."""
     module, id_ = each.module, f"G1.{each.number}"
     ac, sc = flat.components[module.ac].name, flat.components[module.sc].name
     text = f"RTA module {module.name} keeps `{_safe(module)}`: complex function {ac}, recovery "
@@ -254,27 +254,27 @@ def _add_module(
         CaseNode(id_, "goal", f"{text}function {sc}", property=f"{module.name}.safe"),
         under=strategy,
     )
-    for name, said in PROPERTIES.items():
-        child = case.add(CaseNode(f"{id_}.{name}", "goal", f"{name}: {said}"), under=goal)
-        _add_leaf(case, child, f"Sn.{each.number}.{name}", each.missing(name), proof)
+    for name, meaning in PROPERTIES.items():
+        child = case.add(CaseNode(f"{id_}.{name}", "goal", f"{name}: {meaning}"), under=goal)
+        _add_leaf(case, child, f"Sn.{each.number}.{name}", each.why_unconfirmed(name), proof)
 
 
 def _add_leaf(case: SafetyCase, goal: CaseNode, id_: str, why: str, proof: CertifiedProof) -> None:
-    """Adds evidence from the certificate for a goal, or `why` there is none."""
+    """Adds evidence from the certificate below a goal, or `why` there is none."""
     leaf = CaseNode(id_, "solution", "no evidence" if why else RECHECKED, checked=not why, why=why)
     if not why:
         leaf.path, leaf.sha256 = proof.path, proof.sha256
     case.add(leaf, under=goal)
 
 
-def _add_returns(
+def _add_return_goals(
     case: SafetyCase, top: CaseNode, shown: list[_ConfirmedModule], proof: CertifiedProof
 ) -> None:
-    """Adds the goal of P2b for every module of which the program asks it."""
-    asked = [each for each in shown if not each.module.symbol.stays]
+    """Adds the goal of P2b for all modules for which the program demands it."""
+    asked = [each for each in shown if not each.module.symbol.stay_clause]
     for each in shown:
         if each not in asked:
-            text = NOT_ASKED.format(name=each.module.name, clause=each.module.symbol.stays)
+            text = NOT_ASKED.format(name=each.module.name, clause=each.module.symbol.stay_clause)
             case.add(CaseNode(f"C-P2b-{each.number}", "context", text), beside=top)
     if not asked:
         return
@@ -287,13 +287,13 @@ def _add_returns(
         child = case.add(
             CaseNode(f"{RETURNS}.{each.number}", "goal", text, property=name), under=goal
         )
-        _add_leaf(case, child, f"Sn.4.{each.number}", each.missing("P2b"), proof)
+        _add_leaf(case, child, f"Sn.4.{each.number}", each.why_unconfirmed("P2b"), proof)
 
 
-def _add_laws(
+def _add_law_goals(
     case: SafetyCase, flat: System, shown: list[_ConfirmedModule], proof: CertifiedProof
 ) -> None:
-    """Adds the goal that a fail-safe law takes over once the trusted part has stopped."""
+    """Adds the goal that a fail-safe law takes over when the trusted part has stopped."""
     if not shown:
         return
     text = f"System {flat.name} keeps it, too, once its trusted part has stopped"
@@ -302,35 +302,35 @@ def _add_laws(
         text = f"the fail-safe law of {each.module.name} keeps `{_safe(each.module)}` from then on"
         name = f"{each.module.name}.failsafe"
         child = case.add(CaseNode(f"{LAWS}.{each.number}", "goal", text, property=name), under=goal)
-        why = each.missing("failsafe")
+        why = each.why_unconfirmed("failsafe")
         if not each.module.law:
             why = NO_LAW
         # it begins where the module has kept the state until then
-        why = why or next(filter(None, map(each.missing, PROPERTIES)), "")
+        why = why or next(filter(None, map(each.why_unconfirmed, PROPERTIES)), "")
         _add_leaf(case, child, f"Sn.5.{each.number}", why, proof)
 
 
-def _add_compiled(
+def _add_compiled_goals(
     case: SafetyCase, flat: System, shown: list[_ConfirmedModule], proof: CertifiedProof
 ) -> bool:
-    """Adds the goal that the C of each DM switches as the argument assumes; tries it now."""
+    """Adds the goal that the C of each DM switches as the argument assumes, checked now."""
     if not shown:
         return False
     text = "Every compiled RTA switch is the one that the argument is about"
     goal = case.add(CaseNode(COMPILED, "goal", text))
     for each in shown:
-        said, why, name = "", each.why, each.module.name
+        tried, why, name = "", each.why, each.module.name
         if not why:
             assert proof.certificate is not None
             entries = proof.entries[name]
-            said, why, differs = compiled_as_proved(flat, each.module, entries, proof.certificate)
-            if said or differs:
+            tried, why, differs = check_compiled(flat, each.module, entries, proof.certificate)
+            if tried or differs:
                 case.provenance["C compiler"] = compiler_used()
             if differs:
                 case.refuted.append(f"{name}: {why}")
         text = f"the generated C of the decision module of {name} switches as proved"
         child = case.add(CaseNode(f"{COMPILED}.{each.number}", "goal", text), under=goal)
-        text = "no evidence" if why else f"{said}, just now"
+        text = "no evidence" if why else f"{tried}, just now"
         leaf = CaseNode(f"Sn.6.{each.number}", "solution", text, checked=not why, why=why)
         case.add(leaf, under=child)
     return case.status(goal) == SUPPORTED
@@ -371,8 +371,8 @@ def assure(
     for name in FILES:
         require_no_certificate(Path(output) / name, None if cert is None else Path(cert))
     if campaign is None:
-        needless("without `campaign`", flights=flights != FLOWN_AGAIN)
-    needless("without `hazards`", trace=trace and hazards is None)
+        refuse_needless("without `campaign`", flights=flights != FLOWN_AGAIN)
+    refuse_needless("without `hazards`", trace=trace and hazards is None)
     flat = program.declared(system, params)
     if tests:  # U010 where there is none
         own_tests = {n: t for n, t in flat.program.tests.items() if "." not in n}
@@ -397,8 +397,8 @@ def assure(
     }
     case.provenance = case_provenance(proof, command_line(program.path, options, params or {}))
     top = add_argument(case, flat, proof)
-    _add_contexts(case, flat, top)
-    tested = _add_tests(case, evidence, explored=tests, counted=trace)
+    _add_top_contexts(case, flat, top)
+    tested = _add_test_goals(case, evidence, explored=tests, counted=trace)
     evidence.add_campaign(case, flights)
     tracing.enter_traces(case)
     if trace:
@@ -407,17 +407,17 @@ def assure(
     return Assurance(case, files, tuple(case.refuted), proof.not_rechecked)
 
 
-def _add_tests(
+def _add_test_goals(
     case: SafetyCase, evidence: Evidence, *, explored: bool, counted: bool
 ) -> list[tuple[str, Any]]:
-    """Adds the goals of tests, and returns what these show of conditions, if that is `counted`."""
+    """Adds the goals of tests; gives what tests show of conditions, if that is `counted`."""
     with watching() if counted else nullcontext() as seen:
         evidence.add_tests(case, explored=explored)
         return [("the tests of the program", seen())] if seen and explored else []
 
 
-def _add_contexts(case: SafetyCase, flat: System, top: CaseNode) -> None:
-    """Adds what stands beside the top goal: faults of the runs, and what evidence is."""
+def _add_top_contexts(case: SafetyCase, flat: System, top: CaseNode) -> None:
+    """Adds the context of the top goal: faults in the runs, and which evidence does not count."""
     if flat.faults:
         faulty = CaseNode("C-faults", "context", "runs with the `faults` of the system")
         case.add(faulty, beside=top)
@@ -433,7 +433,7 @@ def _add_contexts(case: SafetyCase, flat: System, top: CaseNode) -> None:
 
 
 def _plant_equations(flat: System) -> dict[str, tuple[str, ...]]:
-    """By instance of a plant: its equations as they are written."""
+    """By instance and name of a plant: its equations as the program writes them."""
     names: dict[PlantSymbol, list[str]] = {}
     for c in flat.components:
         if c.plant is not None:
@@ -446,10 +446,10 @@ def _plant_equations(flat: System) -> dict[str, tuple[str, ...]]:
 
 def _plant_sources(plant: PlantSymbol) -> tuple[str, ...]:
     """The source texts of a plant's equations; () for an extern plant."""
-    told = [("let", v, e) for v, e in plant.lets]
-    told += [("der", v, e) for v, e in plant.der.items()]
-    told += [("next", v, e) for v, e in plant.next.items()]
-    return tuple(f"{word} {v.name} = {' '.join(e.span.text.split())}" for word, v, e in told)
+    equations = [("let", v, e) for v, e in plant.lets]
+    equations += [("der", v, e) for v, e in plant.der.items()]
+    equations += [("next", v, e) for v, e in plant.next.items()]
+    return tuple(f"{word} {v.name} = {' '.join(e.span.text.split())}" for word, v, e in equations)
 
 
 # ---------------------------------------------------------------- files
@@ -461,7 +461,7 @@ def _write_files(case: SafetyCase, folder: Path) -> tuple[Path, ...]:
     from soter.report.safety_case_page import write_case  # noqa: PLC0415 - only then
 
     try:
-        page, data, document, table = (own_place(folder, name) for name in FILES)
+        page, data, document, table = (own_path(folder, name) for name in FILES)
     except OSError as error:
         raise mistake("D006", str(error)) from error
     write_case(case, page)

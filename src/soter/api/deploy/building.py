@@ -11,14 +11,14 @@ from __future__ import annotations
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING
 
-from soter.addons import by_name
+from soter.addons import load_module
 from soter.api.deploy.host_replay import replay_on_host
 from soter.api.deploy.inheritance import inheritance_report
 from soter.language.load.named_files import binding_of
-from soter.native.extern_bindings import Bindings, require_linked
+from soter.native.extern_bindings import Bindings, require_readable_c
 from soter.simulate.result_assumptions import code_assumptions
 from soter.targets.cortex_m_board import read_board
-from soter.targets.cortex_m_image import Image, build_image, cross_compiler, require_stack
+from soter.targets.cortex_m_image import Image, build_image, cross_compiler, require_enough_stack
 from soter.targets.package import TARGETS, Package, build_package, require_options
 from soter.verify.proof_cache import stored_verdicts
 
@@ -57,23 +57,23 @@ def build(
     require_options(target, mapping=mapping is not None, board=board is not None)
     place = None if board is None else read_board(board)
     file = Path(mapping) if isinstance(mapping, (str, Path)) else None
-    read = mapping if file is None else by_name(MAPPINGS).read_mapping(file)
+    read = mapping if file is None else load_module(MAPPINGS).read_mapping(file)
 
-    def fitted(system: System) -> object:
-        return None if read is None else by_name(MAPPINGS).make_log_map(read, system, file=file)
+    def mapping_for_system(system: System) -> object:
+        return None if read is None else load_module(MAPPINGS).make_log_map(read, system, file=file)
 
-    fitted(fresh)  # a wrong one is told before anything takes long,
+    mapping_for_system(fresh)  # a wrong one is told before anything takes long,
     bare = bound(fresh)
-    require_linked(bare)
+    require_readable_c(bare)
     if read is not None and all(m.symbol.ttf for m in fresh.modules):  # and what no bridge can do
-        here = bare.system, bare.core, output, fitted(bare.system)
+        here = bare.system, bare.core, output, mapping_for_system(bare.system)
         build_package(target, *here, write=False)
     inherits = inheritance_report(fresh, cert)
     flat, computed = completed(inherits.sets)
     flat.certificate = inherits.certificate
     bindings = bound(flat)
     onto = None if place is None else (place, replay_on_host(bindings))
-    fits = fitted(bindings.system)
+    fits = mapping_for_system(bindings.system)
     package = build_package(
         target, bindings.system, bindings.core, output, fits, inherits.files, onto
     )
@@ -85,7 +85,7 @@ def build(
 
 
 def _left_out_bindings(bindings: Bindings) -> list[str]:
-    """Notes on bindings to Python and to policies, which a package in C leaves out."""
+    """Notes on bindings to Python and to policies, which a package in C does not contain."""
     notes = []
     for x in bindings.externs:
         binding = binding_of(x.bound) if isinstance(x.bound, str) else None
@@ -100,14 +100,14 @@ def _left_out_bindings(bindings: Bindings) -> list[str]:
 
 
 def built_image(package: Package, board: str | None, stack: StackBound) -> Image | None:
-    """Builds the image of a package that is for a board; None for others. See `build_image`.
+    """Builds the image of a package for a board; None for another package. See `build_image`.
 
     `stack`: the bound of the package; SoterError X015 if the board has less.
     """
     if board is None:
         return None
     place = read_board(board)
-    require_stack(stack, place)
+    require_enough_stack(stack, place)
     return build_image(package, place)
 
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 def recorded_inputs(system: System, until_ns: int, seed: int) -> Recording:
     """The values of topics from outside in a run of the proved system, in order of time.
 
-    [] if none was proved apart, or it has unbound externs; SoterError of `NativeProgram`.
+    [] if no other system was proved, or it has unbound externs; SoterError of `NativeProgram`.
     """
     proved = system.proved
     if proved is None or any(x.extern and x.binding is None for x in proved.components):
@@ -55,26 +55,26 @@ def recorded_inputs(system: System, until_ns: int, seed: int) -> Recording:
 
 
 def recording_text(recording: Recording) -> str:
-    """The recording as the text that `runtime/cortex_m/soter_recording.h` describes."""
+    """The recording as text for `runtime/cortex_m/soter_recording.h`, which describes it."""
     return "".join(f"{time} {topic} {value.hex()}\n" for time, topic, value in recording)
 
 
-def replayed_sha256(native: NativeProgram, recording: Recording, until_ns: int, seed: int) -> str:
-    """SHA-256 of the trace of a run that reads the recording; no extern may be due in it."""
+def sha256_of_replay(native: NativeProgram, recording: Recording, until_ns: int, seed: int) -> str:
+    """SHA-256 of the trace of a run that reads the recording; no extern may be asked in it."""
     library, digest, inputs = native.load().library, hashlib.sha256(), iter(recording)
     state = library.new_state(seed)
     waiting = next(inputs, None)
-    while (at := library.next_instant(state)) <= until_ns:
+    while (at := library.next_instant_ns(state)) <= until_ns:
         while waiting is not None and waiting[0] <= at:
             library.publish(state, waiting[1], waiting[2], waiting[0])
             waiting = next(inputs, None)
-        library.run(state, at)
+        library.run_until(state, at)
         digest.update(state.tobytes())
     return digest.hexdigest()
 
 
 def replay_on_host(bindings: Bindings) -> Replay:
-    """The run that an image repeats, done here; without its trace if an extern must answer."""
+    """The run that an image repeats, made here; without its trace if an extern has to answer."""
     system = bindings.system
     until, seed = replay_end_ns(system), 1
     if any(x.extern and not (x.binding or "").startswith("c:") for x in system.components):
@@ -86,7 +86,7 @@ def replay_on_host(bindings: Bindings) -> Replay:
 
     native = NativeProgram(system, core=bindings.core)
     if recording:
-        trace = replayed_sha256(native, recording, until, seed)
+        trace = sha256_of_replay(native, recording, until, seed)
         return Replay(until, seed, trace, recording_text(recording))
     run = native.run(until, seed, hash_trace=True)
     return Replay(until, seed, run.trace_sha256 or "")

@@ -43,7 +43,7 @@ levels that is chosen."""
 
 @dataclass
 class DeploymentReport:
-    """What a system inherits; `lines`: for people, `document`: for programs and the package."""
+    """What a system inherits. `lines`: for people; `document`: for programs and the package."""
 
     certificate: str = ""
     lines: list[str] = field(default_factory=list)
@@ -53,14 +53,14 @@ class DeploymentReport:
 
     @property
     def files(self) -> list[PackageFile]:
-        """Files that the package gets besides; [] if the system deploys no other."""
+        """Files that the package gets in addition; [] if the system deploys no other."""
         if not self.document:
             return []
         return [PackageFile(FILE, json.dumps(self.document, indent=1) + "\n")]
 
 
 def inheritance_report(here: System, cert: str | Path | None) -> DeploymentReport:
-    """Reports what a freshly flattened system inherits; empty if it deploys no other.
+    """Reports which proof a fresh flat system inherits; empty if it deploys no other.
 
     `SoterError` D019 if something from outside is not covered, D020 if the certificate is rejected,
     not re-checked or about another program, D009 and D007 as `recheck`, U001 for a certificate and
@@ -115,7 +115,7 @@ class _CertifiedTables:
         return certificate
 
     def sets(self, problem: Problem) -> list[Pairs] | None:
-        """The sets of a problem if the re-checker has confirmed all of them; else None."""
+        """The certificate's sets for a problem, if the re-checker confirmed all; else None."""
         from soter.verify.deploy.proof_transfer import certified_sets  # noqa: PLC0415 - NumPy
 
         reports = self.confirmed.get(problem.name, [])
@@ -125,7 +125,7 @@ class _CertifiedTables:
         return certified_sets(self._certificate, reports[0].system, problem.name, problem)
 
     def check_build(self, problem: Problem, level_tables: Sequence[LevelTable] | None) -> None:
-        """Raises SoterError D020 if the module is built with other figures than are certified."""
+        """Raises SoterError D020 if the module is built with figures that are not certified."""
         from soter.verify.deploy.proof_transfer import difference_from_certificate  # noqa: PLC0415 - needs NumPy
 
         reports, name = self.confirmed.get(problem.name, []), problem.name
@@ -186,7 +186,7 @@ def _entry_lines(entry: dict[str, Any], name_of_proved: str, seal: str) -> list[
 
 
 def _seal_of_same_program(folder: Path, report: Report, proved: System) -> str:
-    """The seal of a certificate if it is accepted and about this program; `SoterError` D020."""
+    """The seal of an accepted certificate that is about this program; `SoterError` D020."""
     if not report.accepted:
         outcome = "is rejected" if report.verdict == REJECTED else "was not re-checked"
         raise _other_certificate(folder, f"it {outcome}: {report.reason}")
@@ -214,7 +214,7 @@ def _seal_of_same_program(folder: Path, report: Report, proved: System) -> str:
 
 
 def _prefix_of(name: str) -> str:
-    """The prefix of a name from the file that declares it, such as `cart.`."""
+    """The prefix that an imported file gives to a name, such as `cart.`."""
     return name[: len(name) - len(name.rpartition(".")[2])]
 
 
@@ -248,7 +248,7 @@ def _local_names(proved: System, home: Path) -> dict[str, str]:
 
 
 def _confirmed_modules(report: Report, proved: System) -> dict[str, list[RecheckedModule]]:
-    """By module of the proved system: what was confirmed of each of its views; D020."""
+    """By module of the proved system: the reports on its views; SoterError D020."""
     from soter.certificate.scope import param_values  # noqa: PLC0415 - an extra
 
     short = proved.name.removeprefix(_prefix_of(proved.name))
@@ -269,7 +269,7 @@ def _confirmed_modules(report: Report, proved: System) -> dict[str, list[Recheck
 
 
 def _local_name(name: str, names: dict[str, str]) -> str:
-    """The name in this program of a parameter of the certificate, perhaps an instance's."""
+    """The name in this program for a parameter of the certificate, also of an instance."""
     declared = name
     while declared not in names and "." in declared:
         declared = declared.partition(".")[2]

@@ -1,7 +1,7 @@
 """Elements of arrays at an index that depends on inputs.
 
-Purpose: `element_at`, `row_values` and `element_of_table` make terms of such elements; `table_rule`
-and `range_of_table` enclose them: by whatever stands between the positions there may be.
+Purpose: `element_at`, `row_values` and `element_of_table` make terms of such elements;
+`enclose_element` and `range_of_table` enclose them: by all between the possible positions.
 Non-goals: arrays at an index that is known (`reading/symbolic_reading.py`).
 """
 
@@ -54,7 +54,7 @@ def element_at(make: Operations, elements: Sequence[Value], index: Linear) -> Va
     if not all(type(e) in (float, int) for e in elements):
         raise NotRecheckedError(f"such an array, indexed by an input, {NOT_HERE}")
     values = [float(e) for e in elements]
-    return make.int_if_any(table_term(make.terms, values, (index,), (len(elements),)), first)
+    return make.int_if_any(term_of_table(make.terms, values, (index,), (len(elements),)), first)
 
 
 @remembered_with_doubts
@@ -66,10 +66,10 @@ def element_of_table(make: Operations, rows: Rows, index: Value) -> Value:
     values = [float(v) for row in rows.elements for v in row]
     shape = (len(rows.elements), len(first))
     indices = rows.index, make.finite_term(index)
-    return make.int_if_any(table_term(make.terms, values, indices, shape), first[0])
+    return make.int_if_any(term_of_table(make.terms, values, indices, shape), first[0])
 
 
-def table_term(
+def term_of_table(
     terms: Terms, values: Sequence[float], indices: Sequence[Linear], shape: Sequence[int]
 ) -> Linear:
     """The term values[index, ...]; that the element exists becomes an obligation.
@@ -101,7 +101,7 @@ def range_of_table(values: NDArray[np.float64], *ends: float) -> tuple[arb, arb]
     return exact(float(touched.min())), exact(float(touched.max()))
 
 
-def table_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
+def enclose_element(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
     """Row and range of an element: any number between the least and the greatest position."""
     make = forms.make
     values = make.constant(np.array(atom.values).reshape(atom.shape))

@@ -86,7 +86,7 @@ def estimate_error(facts: Facts, state: int) -> float:
 def estimates_around(
     model: CaseModel, group: GroupTables, box: list[tuple[arb, arb]]
 ) -> tuple[float, ...]:
-    """The box of all estimates of states in a box, and of all states behind estimates in it.
+    """The box (low, high, ...) of all estimates of states in a box, and of all states behind them.
 
     A state that no topic shows is anywhere on its axis.
     """
@@ -97,7 +97,6 @@ def estimates_around(
 
 
 def _estimate_range(model: CaseModel, state: int, low: arb, high: arb) -> tuple[float, float]:
-    """The range of all estimates of a state that lies in [low, high]."""
     if state not in model.facts.leaves:
         return model.extents[state]
     error = exact(estimate_error(model.facts, state))
@@ -109,7 +108,7 @@ def _estimate_range(model: CaseModel, state: int, low: arb, high: arb) -> tuple[
 
 
 def eroded_cells(model: CaseModel, group: GroupTables, level: Cells) -> Cells:
-    """The cells of states whose estimates all lie in a level, and of estimates of such states.
+    """The cells of states whose estimates all lie in a level, and of estimates of these alone.
 
     One set answers both, as an error is as large on either side.
     """
@@ -128,10 +127,10 @@ def eroded_cells(model: CaseModel, group: GroupTables, level: Cells) -> Cells:
 def estimates_of_states_outside(
     model: CaseModel, group: GroupTables, claimed: NDArray[np.bool_], inside: Cells, block: Block
 ) -> Iterator[Block]:
-    """The `claimed` cells of estimates (shaped as the grid) behind which a state may be outside."""
+    """The `claimed` cells (shaped as the grid) whose estimates may be of states not `inside`."""
 
     def attempt(at: Block) -> bool:
-        return inside.contains(estimates_around(model, group, group.grid.box(at)))
+        return inside.contains(estimates_around(model, group, group.grid.box_of(at)))
 
     return cells_uncovered(claimed, block, attempt, 1 << 20)
 
@@ -139,22 +138,22 @@ def estimates_of_states_outside(
 def estimates_driven_out(
     check: FreeCheck, claimed: NDArray[np.bool_], within: Cells, block: Block
 ) -> Iterator[Block]:
-    """The `claimed` cells of estimates whose states a command may drive out of `within`.
+    """The `claimed` cells of estimates behind which commands may drive a state out of `within`.
 
     `claimed`: shaped as the grid. Any command acts, for the time of `check`.
     """
     grid = check.group.grid
 
     def attempt(at: Block) -> bool:
-        ends = estimates_around(check.model, check.group, grid.box(at))
+        ends = estimates_around(check.model, check.group, grid.box_of(at))
         box = [(exact(a), exact(b)) for a, b in zip(ends[::2], ends[1::2], strict=True)]
         return check.stays_in_parts(box, within, SPLITS if cell_count(at) == 1 else 0)
 
     return cells_uncovered(claimed, block, attempt, 4 * CELLS_AT_ONCE)
 
 
-def level_tasks(check: GridCheck, between_ns: int) -> Iterator[Task]:
-    """Tasks that show S_0 from R, each S_k from S_(k-1), and what a shield permits.
+def level_tasks(check: GridCheck, ns_between_verdicts: int) -> Iterator[Task]:
+    """Tasks that show S_0 from R, each S_k from S_(k-1), and the commands that a shield permits.
 
     RejectedError where there are too few of these sets, or one is no part of the one before.
     """
@@ -170,7 +169,7 @@ def level_tasks(check: GridCheck, between_ns: int) -> Iterator[Task]:
     if facts.symbol.shield is not None:
         for failure, of_commands in shield_inclusions(model, tables, check.kernel):
             yield from block_tasks(failure, grid, of_commands)
-    free = FreeCheck(model, tables, between_ns)
+    free = FreeCheck(model, tables, ns_between_verdicts)
     for k in range(1, len(levels)):
         if (levels[k] & ~levels[k - 1]).any():
             raise RejectedError(f"S_{k} is no part of S_{k - 1}")
@@ -190,7 +189,7 @@ def command_cells(facts: Facts) -> int:
     if (
         facts.view
         or any(e.clocks for e in facts.setting.effects)
-        or not _nodes_pass_commands_on(facts)
+        or not _do_nodes_pass_commands_on(facts)
     ):
         raise NotRecheckedError("a shield of a view, or with nodes behind the module")
     if facts.kind == "map" and not _ac_steps_with_plants(facts):
@@ -203,16 +202,16 @@ def command_cells(facts: Facts) -> int:
 
 
 def _ac_steps_with_plants(facts: Facts) -> bool:
-    """Whether AC steps only when the plants, which move in steps, do."""
+    """Whether AC steps only at instants at which the plants, which move in steps, do."""
     step = facts.plants[0].period_ns
     ac = facts.system.components[facts.module.ac]
     return ac.period_ns % step == 0 and ac.phase_ns % step == 0
 
 
-def _nodes_pass_commands_on(facts: Facts) -> bool:
-    """Whether nodes behind SC in its instant run in its thread and read commands alone.
+def _do_nodes_pass_commands_on(facts: Facts) -> bool:
+    """Whether nodes behind SC in its instant run in its thread, and read commands alone.
 
-    A node that reads sensors, too, or has a memory must show its outputs to the proof's plants.
+    A node that reads sensors, too, or keeps locals must show its outputs to the proof's plants.
     """
     system, names = facts.flying, {n for kind, n in facts.ways.notes if kind == "in step"}
     nodes = [(c, c.node) for c in system.components if c.node is not None and c.name in names]
@@ -228,7 +227,7 @@ def _nodes_pass_commands_on(facts: Facts) -> bool:
 def shield_inclusions(
     model: CaseModel, group: GroupTables, core: Cells
 ) -> Iterator[tuple[str, Show]]:
-    """(failure in words, function of a block) for each inclusion of a shield's table.
+    """(failure in words, function of a block) for each inclusion that a shield's table needs.
 
     RejectedError where the table is not there, or is of another command.
     """
@@ -267,7 +266,7 @@ def command_edge(low: float, high: float, k: int, n: int) -> float:
     return low + (high - low) * (k / n)
 
 
-def read_tops(data: bytes, group: GroupTables, n: int) -> NDArray[np.uint8]:
+def read_shield_table(data: bytes, group: GroupTables, n: int) -> NDArray[np.uint8]:
     """Reads `GroupTables.tops` from a file, (*cells, n): in C order, a byte a command cell.
 
     RejectedError where it has another size, or names cells that do not exist.
@@ -358,7 +357,7 @@ def axes_seen_by_dm(facts: Facts, group: GroupTables) -> list[int]:
 
 
 def least_levels(cases: Sequence[GroupTables]) -> NDArray[np.uint8]:
-    """The least level of each cell over all cases of a group, in the grid's shape.
+    """The least level of each cell over all cases of one group, in the grid's shape.
 
     RejectedError where a case has no tables S.
     """
@@ -383,15 +382,15 @@ def packed_levels(levels: NDArray[np.uint8]) -> bytes:
     return bytes(data)
 
 
-def acted_ns(facts: Facts) -> int:
-    """W, in ns: a command that was replaced longer before a release acts on no state read there.
+def command_memory_ns(facts: Facts) -> int:
+    """W, in ns: how long after its replacement a command may act on a state that the DM reads.
 
     The state is A old at most. A command acts up to L after the next one was published; of that its
     release alone is known, so a period of SC and the latest end of its step are added.
     """
     setting = facts.setting
-    out = max(setting.latest_start(t) + setting.sc.response - t for t in setting.steady_releases())
-    return facts.own.age + max(e.most for e in setting.effects) + setting.sc.period + out
+    out = max(setting.latest_start(t) + setting.sc.response - t for t in setting.settled_releases())
+    return facts.derived.age + max(e.most for e in setting.effects) + setting.sc.period + out
 
 
 def read_shield(certificate: Certificate, facts: Facts, group: GroupTables, entry: Entry) -> None:
@@ -400,11 +399,13 @@ def read_shield(certificate: Certificate, facts: Facts, group: GroupTables, entr
     if entry["command"] is not None and entry["command"] not in names:
         raise RejectedError("a table of the DM is about a command that there is not")
     group.command = None if entry["command"] is None else names.index(entry["command"])
-    group.tops = read_tops(certificate.table_bytes(entry["commands"]), group, command_cells(facts))
+    group.tops = read_shield_table(
+        certificate.table_bytes(entry["commands"]), group, command_cells(facts)
+    )
 
 
 def read_grid_of_q(certificate: Certificate, grid: Grid, paths: Sequence[str]) -> Grid:
-    """Reads the cells of Q; RejectedError where one of them is no part of a cell of the grid."""
+    """Reads the cells of Q; RejectedError unless each is a part of one cell of the grid."""
     edges = tuple(map(certificate.breakpoints, paths))
     same = len(edges) == len(grid.edges) and all(
         set(coarse) <= set(cut) and (coarse[0], coarse[-1]) == (cut[0], cut[-1])

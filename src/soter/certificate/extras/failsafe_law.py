@@ -1,4 +1,4 @@
-"""The fail-safe law of a module in the place of its SC, checked again: an extra.
+"""Checks again the fail-safe law of a module, which takes the place of SC: an extra.
 
 The fail-safe law: the constants that act on the plants once the trusted part stops (docs/proof.md,
 "When the trusted part stops"). K_fs, its core: a set of states that the law never leaves.
@@ -20,7 +20,7 @@ from soter.certificate.reading.module_facts import DiffersError
 from soter.certificate.reading.problem import read_facts
 from soter.certificate.reading.supported_constructs import require_supported
 from soter.certificate.report import RejectedError, missing_properties
-from soter.diagnostics.current_phase import telling
+from soter.diagnostics.current_phase import shares_to
 from soter.language.model import typed
 
 if TYPE_CHECKING:
@@ -55,11 +55,11 @@ def read_law(
 ) -> FailsafeLaw:
     """Reads the law and its groups from the entry of a module; `read` gives a case's groups.
 
-    RejectedError where nothing says that the law begins in K, or its cells are others than SC's.
+    RejectedError where no claim says that the law begins in K, or its cells are others than SC's.
     """
     if {*BEGINS} & {*missing_properties(entry["claims"], [*claims])}:
         raise RejectedError("failsafe: nothing says that the law begins where it keeps `safe`")
-    if [c["parameter"] for c in entry["law"]] != [list(c) for c in facts.cases()]:
+    if [c["parameter"] for c in entry["law"]] != [list(c) for c in facts.parameter_combinations()]:
         raise RejectedError("the cases of the law are not those of the module")
     groups = [read(case) for case in entry["law"]]
     for of_case in groups:
@@ -71,30 +71,30 @@ def read_law(
 def check_law(law: FailsafeLaw, k: int, of_sc: CaseCheck) -> list[Cells]:
     """Shows that the law keeps K_fs in case k, and gives K_fs of each group of `of_sc`."""
     groups = law.groups[k]
-    with telling(None):
+    with shares_to(None):
         model = CaseModel(law.facts, of_sc.model.parameter, of_sc.model.extents)
         CaseCheck(model, groups, {"P2a"}, of_sc.entry, of_sc.workers).show_claims()
     return [g.cells_kept_by_law(groups) for g in of_sc.groups]
 
 
-def _topics_read(flying: System, c: Component) -> set[int | None]:
+def _topics_of_node(flying: System, c: Component) -> set[int | None]:
     """The topics that a node subscribes to, also those behind its queues."""
     read = [] if c.node is None else c.reads
     return {*read, *(flying.topics[index].queue_of for index in read)}
 
 
 def make_law_problem(facts: Facts) -> Facts:
-    """Makes the problem of the law, held to the times of the module.
+    """Makes the problem of the law, with the times of the module; DiffersError where there is none.
 
-    DiffersError where there is none. The law reads nothing, so ages of reads do not matter; its
-    outputs act in windows no longer than SC's.
+    The law reads nothing, so ages of reads do not matter; its outputs act in windows no longer than
+    SC's.
     """
     flying, module = facts.flying, facts.flying_module
     law = facts.symbol.failsafe
     if not law or facts.sc.node is None or set(law) != set(facts.sc.node.publishes):
         raise DiffersError(f"`{module.name}` declares no fail-safe law")
     for c in flying.components:
-        if c.index not in (module.ac, module.sc) and _topics_read(flying, c) & {*module.outputs}:
+        if c.index not in (module.ac, module.sc) and _topics_of_node(flying, c) & {*module.outputs}:
             raise DiffersError(f"`{c.name}` reads the module's outputs: the law is not what acts")
     if any(x.of_others for x in facts.disturbances):
         raise DiffersError("others move the plants: nobody keeps what they publish where all stops")

@@ -48,7 +48,7 @@ READS_MAX = 4096
 
 @dataclass(eq=False)
 class _Sensor:
-    """When a topic has to be published: by a plant at its releases, or by a sensor from outside.
+    """The times at which a topic has to be published, by a plant or by a sensor from outside.
 
     `apart_ns`: the longest time between publications without a silence; `delay_ns`: the greatest
     age of what a sensor publishes.
@@ -78,11 +78,11 @@ def _sensors_by_topic(system: System) -> dict[str, _Sensor]:
 
 @dataclass(eq=False)
 class _Outputs:
-    """The releases of SC of one module whose outputs are still due.
+    """The outputs of SC of one module: its releases, and those whose outputs are still due.
 
     `since`: the release of its last verdict that is not "AC"; None while AC has control. `plan`:
-    the number of the plan that SC follows since the last verdict "AC". `read`: the last messages of
-    each topic that SC reads, which its latest step may have read. SC starts at most `late`, or
+    the number of the plan that SC follows since the last verdict "AC". `read`: for each topic that
+    SC reads the last messages, which its latest step may have read. SC starts at most `late`, or
     `waits` for the DM, and publishes a `response` later.
     """
 
@@ -95,7 +95,7 @@ class _Outputs:
     response: int
     since: int | None = None
     plan: int = 0
-    next: int = 0
+    next_release: int = 0
     published: dict[str, int] = field(default_factory=dict)
     read: dict[str, list[tuple[int, Value]]] = field(default_factory=dict)
 
@@ -115,7 +115,7 @@ class LoggedAssumptions:
         self._evaluators = {c.index: Evaluator(c.scope.params) for c in system.components}
         self._latest: dict[str, tuple[int, Value]] = {}
         self._topics = {t.name: t for t in system.topics}
-        self._read = {m.name: _topics_read_by(system, m) & self._sensors.keys() for m in modules}
+        self._read = {m.name: _names_read_by(system, m) & self._sensors.keys() for m in modules}
         self._outputs = {}
         self._steps: dict[str, Callable[[Environment], object]] = {}
         for m in modules:
@@ -127,8 +127,8 @@ class LoggedAssumptions:
             times = sc.period_ns, sc.phase_ns, names, late, m.late_ns + spoken, response
             of_sc = (system.topics[sc.scope.topics[s.topic]].name for s in sc.node.subscribes)
             read: dict[str, list[tuple[int, Value]]] = {name: [] for name in of_sc}
-            self._outputs[m.name] = _Outputs(m, *times, next=sc.phase_ns, read=read)
-            self._steps[m.name] = Evaluator.of(sc.scope).block(sc.node.step)
+            self._outputs[m.name] = _Outputs(m, *times, next_release=sc.phase_ns, read=read)
+            self._steps[m.name] = Evaluator.for_scope(sc.scope).compiled_block(sc.node.step)
 
     def _note_doubt(self, time_ns: int, module: Module, text: str) -> None:
         self.doubts.append(Doubt(time_ns, module.name, CONTRADICTED, text))
@@ -237,10 +237,10 @@ class LoggedAssumptions:
             outputs.plan = names.index(plan) if plan in names else 0
         elif outputs.since is None:
             outputs.since = time_ns
-            outputs.next = asked + (outputs.phase - asked) % outputs.period
+            outputs.next_release = asked + (outputs.phase - asked) % outputs.period
 
     def why_not_one_instant(self, ages: Mapping[str, int]) -> Iterator[str]:
-        """Why reads of these ages (ns, by topic), on which a DM said "AC", show no one instant."""
+        """Why reads of these ages (ns, by topic) under one verdict "AC" are not of one instant."""
         for one, other in combinations([n for n in ages if n in self._sensors], 2):
             a, b = self._sensors[one], self._sensors[other]
             if a.releases != b.releases:
@@ -252,7 +252,7 @@ class LoggedAssumptions:
     # ------------------------------------------------------------ SC, and the end
 
     def end_instant(self, time_ns: int) -> None:
-        """Judges SC's outputs at the end of an instant."""
+        """Adds the doubts about outputs of SC that are overdue, or that SC cannot have computed."""
         for outputs in self._outputs.values():
             self._check_due_outputs(outputs, time_ns)
             began = time_ns - outputs.max_delay
@@ -262,11 +262,11 @@ class LoggedAssumptions:
             if outputs.since is None or outputs.since == time_ns:
                 continue  # AC may have published in this instant
             for name in outputs.topics:
-                if outputs.published.get(name) == time_ns and not self._is_possible(outputs, name):
+                if outputs.published.get(name) == time_ns and not self._may_publish(outputs, name):
                     why = f"SC published {name}, which its step gives on nothing it may have read"
                     self._note_doubt(time_ns, outputs.module, why)
 
-    def _is_possible(self, outputs: _Outputs, name: str) -> bool:
+    def _may_publish(self, outputs: _Outputs, name: str) -> bool:
         """Whether SC's step gives the topic's value on messages that SC may have read."""
         if not 0 < prod(map(len, outputs.read.values())) <= READS_MAX:
             return True  # no message of what it reads, or too many
@@ -286,19 +286,19 @@ class LoggedAssumptions:
         return False
 
     def _check_due_outputs(self, outputs: _Outputs, until_ns: int) -> None:
-        """Adds a doubt for each release of SC in control whose due outputs are missing."""
-        while outputs.since is not None and self._due_time(outputs) <= until_ns:
-            release = outputs.next
-            outputs.next += outputs.period
+        """Adds a doubt for each release of SC in control whose outputs are overdue and missing."""
+        while outputs.since is not None and self._outputs_due_ns(outputs) <= until_ns:
+            release = outputs.next_release
+            outputs.next_release += outputs.period
             for name in outputs.topics:
                 if outputs.published.get(name, -1) < max(release, outputs.since):
                     text = f"SC published no {name} in time after its release"
                     self._note_doubt(release, outputs.module, text)
 
-    def _due_time(self, outputs: _Outputs) -> int:
+    def _outputs_due_ns(self, outputs: _Outputs) -> int:
         """The instant by which SC's outputs of its next release have to be there."""
-        asked = outputs.next - outputs.next % outputs.module.period_ns
-        return max(outputs.next + outputs.late, asked + outputs.waits) + outputs.response
+        asked = outputs.next_release - outputs.next_release % outputs.module.period_ns
+        return max(outputs.next_release + outputs.late, asked + outputs.waits) + outputs.response
 
     def end_log(self, time_ns: int) -> None:
         """Judges the silences until the end of the log."""
@@ -307,7 +307,6 @@ class LoggedAssumptions:
                 self._check_silence(name, sensor, time_ns)
 
 
-def _topics_read_by(system: System, module: Module) -> set[str]:
-    """The names of the topics that DM and SC of a module read."""
+def _names_read_by(system: System, module: Module) -> set[str]:
     read = {*module.inputs, *system.components[module.sc].scope.topics.values()}
     return {system.topics[i].name for i in (*read, *module.scope.topics.values())}

@@ -82,9 +82,9 @@ PARAMETER = "param "
 
 @dataclass(frozen=True)
 class LoggedVerdict:
-    """A verdict "AC": its time in ns, its module, and the leaves that it read, by `topic.leaf`.
+    """A verdict "AC": its time in ns, its module, and `topic.leaf` -> the number that it read.
 
-    `plan`: of several plans the one that SC follows from then on; "" where the module has one.
+    `plan`: the plan that SC follows from then on, "" where the module has only one.
     """
 
     time_ns: int
@@ -116,10 +116,10 @@ def read_flight(path: Path, system: System, modules: Sequence[Module]) -> Flight
     due: list[tuple[str, dict[str, Any]]] = []
     now: int | None = None
 
-    def cut(why: str) -> None:
+    def note_cut(why: str) -> None:
         log.cut = why
 
-    for time_ns, channel, message in log_messages(path, cut):
+    for time_ns, channel, message in log_messages(path, note_cut):
         if now is not None and time_ns > now:
             reader.read_instant(now, due)
             due = []
@@ -138,9 +138,9 @@ class _Verdicts:
     def __init__(self, module: Module) -> None:
         self.name, self.period, self.late = module.name, module.period_ns, module.late_ns
         self.response = declared_ns(module, module.symbol.verify.response_dm)
-        self.next = 0
+        self.due_ns = 0
         """The release of which the verdict is still missing."""
-        self.said: bool | None = None
+        self.was_ac: bool | None = None
         """Whether the verdict before it was "AC"; None: that one is missing, or there is none."""
         self.in_ac = False
         """Whether AC has control, as the log says."""
@@ -148,16 +148,16 @@ class _Verdicts:
         """The plan that SC follows, which is another one after a verdict "AC" alone."""
 
     def doubts_about(self, time_ns: int, decision: dict[str, Any]) -> Iterator[str]:
-        """Gives a doubt where a verdict contradicts earlier ones, the mode, or its predicates."""
+        """The doubts where a verdict contradicts earlier ones, the mode, or its own predicates."""
         before, after = (decision[f"mode_{at}"] == "AC" for at in ("before", "after"))
         release = time_ns // self.period * self.period
-        began, ended = (time_ns - release + _lateness(decision, at) for at in LATENESS)
-        if release < self.next:
+        began, ended = (time_ns - release + _ns_after_instant(decision, at) for at in LATENESS)
+        if release < self.due_ns:
             yield "it is the second one of its period"
             return
-        yield from self._late_doubts(began, ended)
-        if self.said is not None and self.said != before and release == self.next:
-            had, by_last = _mode_name(before), _mode_name(self.said)
+        yield from self._doubts_about_lateness(began, ended)
+        if self.was_ac is not None and self.was_ac != before and release == self.due_ns:
+            had, by_last = _mode_name(before), _mode_name(self.was_ac)
             yield f"{had} had control before it, and {by_last} by the one before"
         if after != self.in_ac:
             yield f'it says "{_mode_name(after)}", and {_mode_name(self.in_ac)} has control'
@@ -171,10 +171,10 @@ class _Verdicts:
         if plan != self.plan and not after:
             yield f'it has SC follow another plan, `{plan}`, and does not say "AC"'
         self.plan = plan
-        self.next, self.said = release + self.period, after
+        self.due_ns, self.was_ac = release + self.period, after
 
-    def _late_doubts(self, began: int, ended: int) -> Iterator[str]:
-        """Gives a doubt where a verdict began, or was in force, too many ns after its release."""
+    def _doubts_about_lateness(self, began: int, ended: int) -> Iterator[str]:
+        """The doubt where a verdict began, or was in force, too late after its release."""
         most = self.late + self.response
         if began > self.late:
             yield f"it came {began} ns after its release, and may {self.late} ns"
@@ -183,11 +183,11 @@ class _Verdicts:
 
     def missing_text(self, before_ns: int) -> str:
         """Says in words how many verdicts are missing before a time; "" if none is."""
-        count = -((self.next - before_ns) // self.period) if before_ns > self.next else 0
+        count = -((self.due_ns - before_ns) // self.period) if before_ns > self.due_ns else 0
         return f"{count} verdicts are missing" if count > 1 else "the verdict is missing" * count
 
 
-def _lateness(decision: dict[str, Any], at: str) -> int:
+def _ns_after_instant(decision: dict[str, Any], at: str) -> int:
     """How many ns after its instant a step began or ended; ValueError where that is no time."""
     late = decision.get(at, 0)
     if type(late) is not int or late < 0:
@@ -233,7 +233,7 @@ class _Reader:
                     states = from_json(plant.plant.truth, message, channel)
                     self.assumed.note_truth(time_ns, plant, states)
                 if channel == DECISIONS_TOPIC and message["module"] in self.modules:
-                    self._add_verdict(time_ns, message)
+                    self._note_logged_verdict(time_ns, message)
             self.assumed.end_instant(time_ns)
         except (ValueShapeError, LookupError, TypeError, ValueError, AttributeError) as error:
             fault = error if isinstance(error, ValueShapeError) else repr(error)
@@ -245,20 +245,20 @@ class _Reader:
         self.assumed.end_log(time_ns)
         self.log.doubts += self.assumed.doubts
         for name, module in self.modules.items() if self.begun else ():
-            if module.next == 0:
+            if module.due_ns == 0:
                 text = "the log has no verdict of it"
                 self.log.doubts.append(Doubt(0, name, CONTRADICTED, text))
-            self._note_missing(name, module.missing_text(time_ns + 1 - module.late), module.next)
+            self._note_missing(name, module.missing_text(time_ns + 1 - module.late), module.due_ns)
 
     def _note_missing(self, name: str, text: str, since_ns: int) -> None:
         if text:
             self.log.doubts.append(Doubt(since_ns, name, CONTRADICTED, text))
 
-    def _add_verdict(self, time_ns: int, message: dict[str, Any]) -> None:
+    def _note_logged_verdict(self, time_ns: int, message: dict[str, Any]) -> None:
         name = message["module"]
         module = self.modules[name]
         release = time_ns // module.period * module.period
-        self._note_missing(name, module.missing_text(release), module.next)
+        self._note_missing(name, module.missing_text(release), module.due_ns)
         why = list(module.doubts_about(time_ns, message))
         estimate: dict[str, float] = {}
         is_ac = message["mode_after"] == "AC"
@@ -316,7 +316,6 @@ class _Reader:
             yield f"it read {name} of {time_ns - age} ns, and the log has another value of then"
 
     def _topic_value(self, channel: str, message: dict[str, Any]) -> Value:
-        """The value of a topic that a message has."""
         of = self.topics[channel].type
         plain = message if isinstance(of, RecordType) else message["value"]
         return from_json(of, plain, channel)
@@ -340,7 +339,7 @@ def open_flights(folder: Path, logs: Sequence[str]) -> Flights | None:
 
 
 class Flights:
-    """Logs of flights of the program of a certificate, whose seal is `seal`."""
+    """The logs of flights of the program of a certificate; `seal` is that of the certificate."""
 
     def __init__(self, certificate: Certificate, logs: Sequence[str]) -> None:
         """Finds the system of each log; the verdicts in it are not read yet."""
@@ -408,28 +407,27 @@ class Flights:
     def _judged_verdicts(
         self, system: str, verdicts: Sequence[LoggedVerdict], workers: int
     ) -> Generator[tuple[LoggedVerdict, str]]:
-        """Each verdict, once it is judged, and why its estimate may be bad; "" if it is good."""
+        """Each verdict as it is judged, with why its estimate may be bad; "" if it is good."""
         for name in {v.module for v in verdicts}:
-            self._tubes_of(system, name)  # before processes are forked
+            self._tubes_by_plan(system, name)  # before processes are forked
 
-        def answer(k: int) -> str:
+        def why_fails(k: int) -> str:
             return self._why_not_confirmed(system, verdicts[k])
 
-        answers: Generator[tuple[int, str]] = ((k, answer(k)) for k in range(len(verdicts)))
+        answers: Generator[tuple[int, str]] = ((k, why_fails(k)) for k in range(len(verdicts)))
         if workers > 1 and len(verdicts) > 1 and can_fork():
-            answers = TaskProcesses(len(verdicts), answer, min(workers, len(verdicts))).answers()
+            answers = TaskProcesses(len(verdicts), why_fails, min(workers, len(verdicts))).answers()
         with closing(answers):
             for k, why in answers:
                 yield verdicts[k], why
 
     def _why_not_confirmed(self, system: str, verdict: LoggedVerdict) -> str:
-        """Why a verdict is not confirmed; "" if it is."""
-        tubes = self._tubes_of(system, verdict.module)
+        tubes = self._tubes_by_plan(system, verdict.module)
         if isinstance(tubes, str):
             return tubes
         if (known := tubes.get(verdict.plan)) is None:
             return f"the module has no plan `{verdict.plan}`"
-        missing = [name for name in known.reads if name not in verdict.estimate]
+        missing = [name for name in known.estimate_fields if name not in verdict.estimate]
         if missing:
             return f"the log does not say what it read of {', '.join(missing)}"
         try:
@@ -438,14 +436,14 @@ class Flights:
         except Exception as error:  # noqa: BLE001 - whatever it is, nothing is confirmed
             return reason_in_words(error)
 
-    def _tubes_of(self, system: str, module: str) -> dict[str, ModuleTube] | str:
+    def _tubes_by_plan(self, system: str, module: str) -> dict[str, ModuleTube] | str:
         """The tube of each plan of a module, made once; or why there is none."""
         key = system, module
         if key not in self._followers:
             proved = self._proved[system], module
             entry = next(e for e in self._entries if (e["system"], e["module"]) == proved)
             try:
-                plans = entries_of_plans(self._flattened(proved[0]), entry)
+                plans = entries_of_plans(self._flat_of(proved[0]), entry)
                 self._followers[key] = {name: tube_of_entry(*of) for name, of in plans.items()}
             except Exception as error:  # noqa: BLE001 - as above
                 self._followers[key] = reason_in_words(error)
@@ -461,18 +459,18 @@ class Flights:
         system, sha256 = header.get("system", ""), self._sha256
         if header.get("program_sha256") != sha256:
             other = header.get("program_sha256", "none")
-            raise _mismatch(
+            raise _other_flight_error(
                 log, f"its program is {other[:12]}, that of the certificate {sha256[:12]}"
             )
         of_entries = dict.fromkeys(e["system"] for e in self._entries)
         assert self._checked.program is not None
         if system in self._checked.program.systems:
-            self._proved[system] = (self._flattened(system).proved or self._flattened(system)).name
+            self._proved[system] = (self._flat_of(system).proved or self._flat_of(system)).name
         if self._proved.get(system) not in of_entries:
             names = ", ".join(f"`{n}`" for n in of_entries)
             why = f"system `{system}` flew, and the certificate is about {names}"
             prove = f"`soter verify --system {system}` proves what flew, without its `faults`"
-            raise _mismatch(log, why, prove)
+            raise _other_flight_error(log, why, prove)
         proved = {name: text for name, (text, _) in changed_parameters(self._flats[system]).items()}
         begin = len(PARAMETER)
         flown = {name[begin:]: text for name, text in header.items() if name.startswith(PARAMETER)}
@@ -480,17 +478,17 @@ class Flights:
             values = [of.get(name, "the default") for of in (flown, proved)]
             if values[0] != values[1]:
                 text = f"{name} was {values[0]} in it, and is {values[1]} in the certificate"
-                raise _mismatch(log, text)
+                raise _other_flight_error(log, text)
         return system
 
-    def _flattened(self, system: str) -> System:
+    def _flat_of(self, system: str) -> System:
         if system not in self._flats:
             flat = system_to_prove(self._checked, system, self._overrides, exact=False)
             self._flats[system] = flat
         return self._flats[system]
 
 
-def _mismatch(log: str, why: str, help_: str = SAME_PROGRAM) -> SoterError:
+def _other_flight_error(log: str, why: str, help_: str = SAME_PROGRAM) -> SoterError:
     return SoterError((Diagnostic("D023", f"`{log}` is of another flight: {why}", helps=(help_,)),))
 
 

@@ -41,7 +41,7 @@ from soter.certificate.terms.linear_enclosures import (
     magnitude,
     upper,
 )
-from soter.certificate.terms.terms import both, conjuncts, input_atoms, negation
+from soter.certificate.terms.terms import and_of, conjuncts, input_atoms, negation
 from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import leaves
 
@@ -79,18 +79,18 @@ class Jump:
 
 
 def jumps_by_plant(facts: Facts, groups: Groups, claims: set[str]) -> dict[str, list[Jump]]:
-    """Abstracting plant -> its jumps; `groups`: of every case, with their claims confirmed.
+    """Name of an abstracting plant -> its jumps; empty for a module without views or `enters`.
 
-    Empty where a module has no views, or no `enters`.
+    `groups`: those of every case, with their `claims` confirmed.
     """
     if not facts.view or facts.whole is None or facts.whole.verify.enters is None:
         return {}
     jumps_by_link = {
-        link.name: [_jump_by_publisher(facts, link, topic) for topic in topic_reads(link.value)]
+        link.name: [_jump_of_topic(facts, link, topic) for topic in topic_reads(link.value)]
         for link in facts.symbol.verify.abstracts
     }
     if any(not jump.why for of in jumps_by_link.values() for jump in of):
-        why = _why_not_by_sets(facts, groups, claims)
+        why = _why_not_in_r(facts, groups, claims)
         jumps_by_link = {
             name: [Jump(j.topic, j.node, j.why or why) for j in of]
             for name, of in jumps_by_link.items()
@@ -98,18 +98,18 @@ def jumps_by_plant(facts: Facts, groups: Groups, claims: set[str]) -> dict[str, 
     return jumps_by_link
 
 
-def _jump_by_publisher(facts: Facts, link: typed.AbstractionLink, topic: typed.TopicSymbol) -> Jump:
+def _jump_of_topic(facts: Facts, link: typed.AbstractionLink, topic: typed.TopicSymbol) -> Jump:
     """The jump of one topic, by what z3 shows of the node that publishes it."""
     if find_spec("z3") is None:
         return Jump(topic.name, "", "`z3-solver` is not installed")
     try:
         node, why = import_jump_check()(facts, link, topic)
     except Exception as error:  # noqa: BLE001 - whatever it is, nothing is confirmed
-        return Jump(topic.name, "", _failure_text(error))
+        return Jump(topic.name, "", _error_in_words(error))
     return Jump(topic.name, node, why)
 
 
-def _why_not_by_sets(facts: Facts, groups: Groups, claims: set[str]) -> str:
+def _why_not_in_r(facts: Facts, groups: Groups, claims: set[str]) -> str:
     """Why it is not confirmed that the state lies in R(H) wherever `enters` holds; else ""."""
     if not claims & FREE:
         return "nothing is claimed with which R(H) is confirmed"
@@ -121,15 +121,15 @@ def _why_not_by_sets(facts: Facts, groups: Groups, claims: set[str]) -> str:
         known = {i for of in topics_read(facts) for i in of}
         if not {scope.get(t, -1) for t in topic_reads(expr)} <= known:
             return "it reads what neither DM nor SC reads"
-        for values, of_case in zip(facts.cases(), groups, strict=True):
+        for values, of_case in zip(facts.parameter_combinations(), groups, strict=True):
             if why := why_not_entered(CaseModel(facts, values, facts.extents), of_case, expr):
                 return why
     except Exception as error:  # noqa: BLE001 - whatever it is, nothing is confirmed
-        return _failure_text(error)
+        return _error_in_words(error)
     return ""
 
 
-def _failure_text(error: Exception) -> str:
+def _error_in_words(error: Exception) -> str:
     if isinstance(error, NotRecheckedError):
         return f"not rechecked: {error}"
     return f"the re-checker itself failed ({type(error).__name__}: {error})"
@@ -180,20 +180,20 @@ def why_not_entered(model: CaseModel, groups: Sequence[GridGroup], expr: typed.T
         return "not every state is in a group"
     if any(g.tables.free is None for g in groups):
         return "there is no R(H)"
-    reach = _judged_ranges(model.facts, expr)
+    reach = _state_ranges_by_reads(model.facts, expr)
     for k, ends in enumerate(reach):
         if ends is None:
             return f"nothing that it reads bounds {model.facts.states[k].name}"
         if ends[0] > ends[1]:
             return f"no value of {model.facts.states[k].name} is shown by all that it reads"
-    where = _where_outside_grid(model, groups, expr, [r for r in reach if r is not None])
+    where = _place_outside_grid(model, groups, expr, [r for r in reach if r is not None])
     if where:
         return f"it may hold where {where}, outside the grid"
-    return next((why for g in groups if (why := where_entered_outside(g, model, expr))), "")
+    return next((why for g in groups if (why := place_entered_outside(g, model, expr))), "")
 
 
-def where_entered_outside(group: GridGroup, model: CaseModel, expr: typed.TypedExpr) -> str:
-    """Says where outside of R(H) `expr` may hold, or ""; not even `safe` is assumed there."""
+def place_entered_outside(group: GridGroup, model: CaseModel, expr: typed.TypedExpr) -> str:
+    """The place outside of R(H), in words, where `expr` may hold, or ""; `safe` is not assumed."""
     grid = group.tables.grid
     assert group.tables.free is not None
     check = AdmitCheck(model, group.tables, expr, admits=True, anywhere=True)
@@ -207,10 +207,10 @@ def where_entered_outside(group: GridGroup, model: CaseModel, expr: typed.TypedE
 # ---------------------------------------------------------------- outside the grid
 
 
-def _judged_ranges(facts: Facts, expr: typed.TypedExpr) -> list[tuple[float, float] | None]:
+def _state_ranges_by_reads(facts: Facts, expr: typed.TypedExpr) -> list[tuple[float, float] | None]:
     """The range of each state where `expr` is judged; None where no topic that it reads bounds it.
 
-    A published value lies in its declared set, and shows the state up to its error and rounding.
+    A published value lies in its declared set, and is off the state by its error and rounding.
     """
     ranges: list[tuple[float, float] | None] = [None] * len(facts.states)
     driven = driven_topics(facts)
@@ -238,13 +238,13 @@ def _judged_ranges(facts: Facts, expr: typed.TypedExpr) -> list[tuple[float, flo
     return ranges
 
 
-def _where_outside_grid(
+def _place_outside_grid(
     model: CaseModel,
     groups: Sequence[GridGroup],
     expr: typed.TypedExpr,
     reach: Sequence[tuple[float, float]],
 ) -> str:
-    """Says where outside of the grid `expr` may hold; "" if it cannot."""
+    """The place outside of the grid, in words, where `expr` may hold; "" if there is none."""
     parts = _conjunct_checks(CaseModel(model.facts, model.parameter, tuple(reach)), expr)
     for axes in (g.tables for g in groups):
         for state, edges in zip(axes.states, axes.grid.edges, strict=True):
@@ -259,9 +259,9 @@ def _where_outside_grid(
 
 
 def _conjunct_checks(anywhere: CaseModel, expr: typed.TypedExpr) -> list[_ConjunctCheck]:
-    """A check of each conjunct of `expr`, with the obligations without which it faults."""
+    """For each conjunct of `expr` the check that it fails, without a fault."""
     terms, states = anywhere.new_terms()
-    truth = anywhere.predicate(terms, states, expr, errors=True)
+    truth = anywhere.truth_of(terms, states, expr, errors=True)
     sound = conjunction_of(terms.obligations)
     atoms = [x.atom for x in states]
     return [_ConjunctCheck(anywhere, terms, atoms, part, sound) for part in conjuncts(truth)]
@@ -278,7 +278,7 @@ class _ConjunctCheck:
         part: Proposition,
         sound: Proposition,
     ) -> None:
-        fails = both(negation(part), sound)
+        fails = and_of(negation(part), sound)
         self._decision = Decision(model, range(len(atoms)), terms, atoms, fails)
         ranges = ((exact(a), exact(b)) for a, b in model.extents)
         self._box: Box = [*ranges, *self._decision.ranges]

@@ -1,4 +1,4 @@
-"""Checked again: states that a claim need not look at, wholly or beyond the ends of their axes.
+"""Checks again states that claims leave out, wholly or beyond the ends of their axes.
 
 Purpose: `leave_out_states` takes the states that a certificate leaves out from the problem;
 `refuse_reads_of_left_out_states` checks that nothing which is asked depends on them.
@@ -48,7 +48,7 @@ from soter.certificate.extras.prelude_functions import (
     OF_A_TURN,
     may_be_turned,
 )
-from soter.certificate.reading.case_model import FARTHEST, LEFT_OUT, CaseModel, control_inputs
+from soter.certificate.reading.case_model import FARTHEST, LEFT_OUT, CaseModel, new_command_terms
 from soter.certificate.reading.module_facts import Facts, bounded_topics
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.compile_terms import all_certain
@@ -120,11 +120,11 @@ def refuse_reads_of_left_out_states(model: CaseModel) -> None:
     facts = model.facts
     terms, states = model.new_terms()
     asked: list[Linear | Proposition] = list(model.sc_commands(terms, states))
-    asked.append(model.predicate(terms, states, facts.symbol.safe, errors=False))
+    asked.append(model.truth_of(terms, states, facts.symbol.safe, errors=False))
     seen = [facts.ttf, facts.symbol.safer, facts.symbol.verify.enters]
-    asked += [model.predicate(terms, states, e, errors=True) for e in seen if e is not None]
+    asked += [model.truth_of(terms, states, e, errors=True) for e in seen if e is not None]
     asked += [model.topic_in_set(terms, states, topic) for topic in bounded_topics(facts)]
-    controls = control_inputs(facts, terms)
+    controls = new_command_terms(facts, terms)
     asked += [*model.rates(terms, states, controls)[0], *terms.obligations]
     terms.obligations.clear()
     of_left_out = model.rates_of_left_out_states(terms, states, controls)
@@ -139,7 +139,7 @@ def refuse_reads_of_left_out_states(model: CaseModel) -> None:
 
 
 def growth_degree(terms: Terms, x: Linear, inputs: Collection[int]) -> float:
-    """A power of these inputs beyond which a term does not grow; inf where none is known."""
+    """The degree with which a term grows in these inputs, at most; inf where none is known."""
     known: dict[int, float] = {}
     for index in sorted(atoms_under(terms, [x])):  # arguments first
         atom = terms.atoms[index]
@@ -167,7 +167,7 @@ def require_unread_states(model: CaseModel, groups: int) -> None:
     if groups != 1:
         raise NotRecheckedError("an axis without ends beside other groups")
     terms, states = model.new_terms(FARTHEST)
-    rates, _ = model.rates(terms, states, control_inputs(facts, terms))
+    rates, _ = model.rates(terms, states, new_command_terms(facts, terms))
     read = input_atoms(terms, [*rates, *model.sc_commands(terms, states), *terms.obligations])
     for i in sorted(facts.unbounded):
         (atom,) = states[i].terms
@@ -206,11 +206,11 @@ def refuse_turns_read(model: CaseModel) -> None:
     terms, states = model.new_terms()
     asked: list[Linear | Proposition] = list(model.sc_commands(terms, states))
     true = [facts.symbol.safe, *([facts.symbol.rest.condition] if facts.symbol.rest else [])]
-    asked += [model.predicate(terms, states, e, errors=False) for e in true]
+    asked += [model.truth_of(terms, states, e, errors=False) for e in true]
     seen = [e for e in (facts.ttf, facts.symbol.safer) if e is not None]
-    asked += [model.predicate(terms, states, e, errors=True) for e in seen]
+    asked += [model.truth_of(terms, states, e, errors=True) for e in seen]
     asked += [model.topic_in_set(terms, states, topic) for topic in bounded_topics(facts)]
-    asked += model.rates(terms, states, control_inputs(facts, terms))[0]
+    asked += model.rates(terms, states, new_command_terms(facts, terms))[0]
     asked += terms.obligations
     if not all(_is_turn_invariant(terms, x) for x in asked):
         names = ", ".join(facts.states[i].name for i in sorted(facts.turning))
@@ -238,7 +238,7 @@ def _compares_no_angle(terms: Terms, x: Linear | Proposition) -> bool:
 
 
 def _is_angle(terms: Terms, x: Linear) -> bool:
-    """Whether angles stand in a term as whole multiples, and it is rounded by little."""
+    """Whether angles stand in a term as whole multiples, and its rounding is small."""
     whole = all(x.terms[i].is_integer() for i in terms.turning & x.terms.keys())
     return whole and bool(x.radius <= 2 * FAR_TURNS)  # with that of the function
 
@@ -248,7 +248,7 @@ def _is_angle(terms: Terms, x: Linear) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class GridBeyondEnds(Grid):
-    """A grid some axes of which have no ends, or are a full turn that wraps around."""
+    """A grid with axes that have no ends, or that are a full turn and wrap around."""
 
     unbounded: tuple[bool, ...]
     wraps: tuple[bool, ...]
@@ -266,7 +266,7 @@ class GridBeyondEnds(Grid):
             low, high = self.move_onto_axis(axis, low, high)
         return super().cells_around_interval(axis, low, high)
 
-    def box(self, block: Block) -> list[tuple[arb, arb]]:
+    def box_of(self, block: Block) -> list[tuple[arb, arb]]:
         """The box of a block of cells, a little wider at the ends of an axis that wraps around."""
         ends = []
         for edges, around, (low, high) in zip(self.edges, self.wraps, block, strict=True):
@@ -281,9 +281,9 @@ class GridBeyondEnds(Grid):
         return table
 
     def holds_beyond_ends(self, start: Sequence[tuple[arb, arb]], boxes: Sequence[float]) -> bool:
-        """Whether what is enclosed from a box holds of all runs from the cells around that box.
+        """Whether boxes that enclose runs from `start` hold of runs from beyond axes' ends, too.
 
-        `boxes`: where runs from `start` are, as low, high, ... of each. See the head of this file.
+        `boxes`: low, high, ... of one box after the other. The head of this file says when they do.
         """
         width = 2 * len(self.edges)
         if not boxes:
@@ -304,11 +304,11 @@ class GridBeyondEnds(Grid):
         each the numbers are of one size, so that rounding is small.
         """
         sides = []
-        for k, inside in enumerate(self.box(block)):
+        for k, inside in enumerate(self.box_of(block)):
             parts = [inside]
             if self.unbounded[k] and reads[k]:
                 at_low, at_high = block[k][0] == 0, block[k][1] == self.shape[k]
-                parts += beyond_ends(self.edges[k], low=at_low, high=at_high)
+                parts += intervals_beyond(self.edges[k], low=at_low, high=at_high)
             sides.append(parts)
         return [list(box) for box in product(*sides)]
 
@@ -317,11 +317,11 @@ class GridBeyondEnds(Grid):
         edges = self.edges[axis]
         if self.unbounded[axis]:
             return min(max(low, edges[0]), edges[-1]), min(max(high, edges[0]), edges[-1])
-        return turn_back(edges, low, high) if self.wraps[axis] else (low, high)
+        return interval_turned_back(edges, low, high) if self.wraps[axis] else (low, high)
 
 
 def has_no_ends(grid: Grid, axis: int) -> bool:
-    """Whether states beyond the ends of an axis belong to its outer cells."""
+    """Whether an axis has no ends: its outer cells hold all states beyond."""
     return isinstance(grid, GridBeyondEnds) and grid.unbounded[axis]
 
 
@@ -331,11 +331,11 @@ def reached_breakpoints(grid: Grid, axis: int) -> tuple[float, ...]:
     return (-far, *edges[1:-1], far) if has_no_ends(grid, axis) else edges
 
 
-def beyond_ends(edges: Sequence[float], *, low: bool, high: bool) -> list[tuple[arb, arb]]:
+def intervals_beyond(edges: Sequence[float], *, low: bool, high: bool) -> list[tuple[arb, arb]]:
     """Intervals that cover the numbers beyond the ends of an axis, up to `FARTHEST`."""
     first, last = edges[0], edges[-1]
-    below_it = [(-b, -a) for a, b in _intervals_beyond(-first, last - first)] if low else []
-    return [*below_it, *(_intervals_beyond(last, last - first) if high else ())]
+    below_it = [(-b, -a) for a, b in _intervals_above(-first, last - first)] if low else []
+    return [*below_it, *(_intervals_above(last, last - first) if high else ())]
 
 
 def _cells_of_turn_around(edges: Sequence[float], low: float, high: float) -> tuple[int, int]:
@@ -357,11 +357,11 @@ def _cells_of_turn_around(edges: Sequence[float], low: float, high: float) -> tu
     return first % count, first % count + last - first
 
 
-def turn_back(edges: Sequence[float], low: float, high: float) -> tuple[float, float]:
+def interval_turned_back(edges: Sequence[float], low: float, high: float) -> tuple[float, float]:
     """An interval less so many whole turns that it begins on an axis, rounded outwards.
 
-    It is unchanged if it lies on the axis, or too far out; it becomes the whole axis if it is
-    longer than half of it: what is enclosed goes half a turn beyond.
+    One that lies on the axis, or too far out, is unchanged; one of half a turn or more becomes the
+    whole axis, as what is enclosed goes half a turn beyond.
     """
     if edges[0] <= low <= high <= edges[-1] or not max(-low, high) <= FAR:
         return low, high
@@ -377,7 +377,7 @@ def _cell_width(edges: Sequence[float], cell: int) -> arb:
 
 
 @lru_cache(maxsize=64)
-def _intervals_beyond(end: float, width: float) -> Sequence[tuple[arb, arb]]:
+def _intervals_above(end: float, width: float) -> Sequence[tuple[arb, arb]]:
     """Intervals from an end upwards to `FARTHEST`."""
     intervals, low, step = [], exact(end), exact(width)
     while low < FARTHEST:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.certificate.reading.case_model import control_inputs, other_ends
+from soter.certificate.reading.case_model import ends_of_other_states, new_command_terms
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.compile_terms import compile_step
 
@@ -54,7 +54,7 @@ def require_instants_of_map(facts: Facts, setting: TimingSetting) -> None:
 
 
 def map_steps_in_period(model: CaseModel, members: Sequence[int]) -> Step:
-    """One period of SC: so many steps of the map under one command.
+    """The compiled function of one period of SC: all steps of the map in it, under one command.
 
     NotRecheckedError where they are too many.
     """
@@ -74,12 +74,12 @@ def map_steps_in_period(model: CaseModel, members: Sequence[int]) -> Step:
         [current[i] for i in members],
         ranges=between,
         must=terms.obligations,
-        boxes=other_ends(model, states, members),
+        boxes=ends_of_other_states(model, states, members),
     )
 
 
 def map_phase(model: CaseModel, members: Sequence[int], time_ns: int) -> tuple[Step, ...]:
-    """Steps of the map under any commands, as many as the time has.
+    """The compiled steps of the map under any commands, as many as it makes in `time_ns`.
 
     NotRecheckedError where they are too many.
     """
@@ -87,7 +87,7 @@ def map_phase(model: CaseModel, members: Sequence[int], time_ns: int) -> tuple[S
     if time_ns > PHASE_MAX * period:
         raise NotRecheckedError(f"more than {PHASE_MAX:,} steps of the map under any command")
     terms, states = model.new_terms()
-    commands = control_inputs(model.facts, terms)
+    commands = new_command_terms(model.facts, terms)
     after = model.next_states(terms, states, commands)
     step = compile_step(
         terms,
@@ -96,6 +96,6 @@ def map_phase(model: CaseModel, members: Sequence[int], time_ns: int) -> tuple[S
         [after[i] for i in members],
         ranges=[after[i] for i in members],
         must=terms.obligations,
-        boxes=other_ends(model, states, members),
+        boxes=ends_of_other_states(model, states, members),
     )
     return (step,) * -(-time_ns // period)

@@ -21,7 +21,7 @@ from soter.certificate.reading.derived_times import (
     Effect,
     TopicPath,
     Ways,
-    path_from_plant,
+    path_of_plant,
     releases_in_hyperperiod,
 )
 from soter.certificate.reading.module_facts import DiffersError, driven_topics
@@ -104,7 +104,7 @@ class NodePath(TopicPath):
         yield end
 
     def longest_lag(self, silent: int) -> int:
-        """P: from the state to its publication, at most; a silent sensor's is published on."""
+        """P: the longest time from a state to its publication; a silent sensor makes it longer."""
         node, before = self.nodes[-1], self.path_before_last_node
         worst = 0
         for t in releases_in_hyperperiod(node, [c.period for c in self.clocks]):
@@ -115,12 +115,12 @@ class NodePath(TopicPath):
     def certain_since(self, silent: int = 0) -> int:
         """The time from which a read certainly shows a state, if the sensor is `silent` so long.
 
-        It is one ns later than F: a read sees what was published before.
+        One ns is added, as a read sees only what was published before.
         """
         return self._first_release_with_state(silent) + self.nodes[-1].max_delay + 1
 
     def _first_release_with_state(self, silent: int) -> int:
-        """The release of the last node from which on it certainly publishes a state."""
+        """The first release of the last node from which on it certainly publishes a state."""
         return self.nodes[-1].next_release(self.path_before_last_node.certain_since(silent))
 
     def may_publish_nothing(self, silent: int = 0) -> bool:
@@ -176,10 +176,10 @@ class NodeWays(Ways):
         """The ways to a topic; `behind`: the nodes that were followed already."""
         self._count_look()
         paths: list[TopicPath] = []
-        for c in self._publishers(index):
+        for c in self._publishers_of(index):
             if c.plant is not None:
-                if self._is_in_proof(c):
-                    paths.append(path_from_plant(c))
+                if self._is_proved_plant(c):
+                    paths.append(path_of_plant(c))
                 else:
                     self.notes["beside", c.name] = None
                 continue
@@ -190,41 +190,41 @@ class NodeWays(Ways):
                 continue  # what it feeds back to itself
             if len(behind) >= NODES_MAX:
                 raise NotRecheckedError(f"more than {NODES_MAX} nodes on a path")
-            paths += self._paths_over(c, index, (*behind, c.index))
+            paths += self._paths_by_node(c, index, (*behind, c.index))
         return paths
 
-    def _paths_over(self, c: Component, index: int, behind: tuple[int, ...]) -> list[TopicPath]:
-        """The paths through a node, whose publications are as old as its reads.
+    def _paths_by_node(self, c: Component, index: int, behind: tuple[int, ...]) -> list[TopicPath]:
+        """The paths to a topic through one node, whose publications are as old as its reads.
 
-        A node behind the module that reads no sensor on its own is part of what is abstracted: its
+        A node behind the module that reads no sensor belongs to the vehicle that is abstracted: its
         state is what it last published.
         """
         assert c.node is not None
-        topics = _topics_read(self.system, c)
+        topics = _node_reads(self.system, c)
         if before := [p for i in topics for p in self._paths_to(i, behind)]:
             self._require_each_step(c, index)
             self._note_undeclared(c)
             self.notes["shows", c.name] = None
             for i in topics:
-                if not self._paths_to(i, behind) and self._is_commanded(i, behind):
+                if not self._paths_to(i, behind) and self._obeys_module(i, behind):
                     self.notes["vehicle", self.system.topics[i].name] = None
             return [NodePath(p.sensor, (*p.clocks[1:], self._clock_of(c))) for p in before]
-        if len(behind) == 1 and any(self._is_commanded(i, behind) for i in topics):
+        if len(behind) == 1 and any(self._obeys_module(i, behind) for i in topics):
             self._require_each_step(c, index)
             self._note_undeclared(c)
             self.notes["vehicle", self.system.topics[index].name] = None
             return [NodePath(NOW, (self._clock_of(c),))]
         return []
 
-    def _is_commanded(self, index: int, behind: tuple[int, ...]) -> bool:
-        """Whether a topic depends on what the module publishes, by nodes alone."""
+    def _obeys_module(self, index: int, behind: tuple[int, ...]) -> bool:
+        """Whether a topic depends on outputs of the module, through nodes alone."""
         self._count_look()
         if index in self.module.outputs:
             return True
-        for c in self._publishers(index):
+        for c in self._publishers_of(index):
             if c.role == "node" and c.index not in behind and len(behind) < NODES_MAX:
                 more = (*behind, c.index)
-                if any(self._is_commanded(i, more) for i in _topics_read(self.system, c)):
+                if any(self._obeys_module(i, more) for i in _node_reads(self.system, c)):
                     return True
         return False
 
@@ -256,23 +256,23 @@ class NodeWays(Ways):
             if c.plant is not None and index in c.reads:
                 routes.append(nodes)
             other = c.module != self.module.index  # what the module itself publishes is a command
-            if c.role in ("ac", "sc") and other and self._is_reached_by(c, index):
+            if c.role in ("ac", "sc") and other and self._reads_or_queues(c, index):
                 name = self.system.topics[index].name
                 raise NotRecheckedError(f"`{c.name}` of another module reads `{name}`")
-            if c.role != "node" or c.index in behind or index not in _topics_read(self.system, c):
+            if c.role != "node" or c.index in behind or index not in _node_reads(self.system, c):
                 continue
             if len(behind) >= NODES_MAX:
                 raise NotRecheckedError(f"more than {NODES_MAX} nodes on a path")
-            routes += self._routes_by_node(c, nodes, behind)
+            routes += self._routes_through_node(c, nodes, behind)
         return routes
 
-    def _routes_by_node(
+    def _routes_through_node(
         self, c: Component, nodes: tuple[Clock, ...], behind: tuple[int, ...]
     ) -> Iterable[tuple[Clock, ...]]:
         assert c.node is not None
         for topic in c.node.publishes:
             after = c.scope.topics[topic]
-            step = self._is_in_step(c, nodes, behind)
+            step = self._is_with_sc(c, nodes, behind)
             on = nodes if step else (*nodes, self._clock_of(c))
             if ends := list(self._routes_from(after, on, (*behind, c.index))):
                 self._require_each_step(c, after)
@@ -281,12 +281,12 @@ class NodeWays(Ways):
                 self.notes["in step" if step else "passes", c.name] = None
             yield from ends
 
-    def _is_in_step(self, c: Component, nodes: tuple[Clock, ...], behind: tuple[int, ...]) -> bool:
+    def _is_with_sc(self, c: Component, nodes: tuple[Clock, ...], behind: tuple[int, ...]) -> bool:
         """Whether a node is released whenever SC is, behind all before it, and declares no times.
 
-        Then it is taken to run in the module's thread, behind SC (an assumption, printed): it
-        passes an output on in the instant in which it is published. An extern has a process of its
-        own unless the system takes it into the thread.
+        It is then taken to run in the module's thread, behind SC (an assumption, printed), and
+        passes an output on in the instant of its publication. An extern has a process of its own
+        unless the system takes it into the thread.
         """
         sc = self.system.components[self.module.sc]
         verify = self.module.symbol.verify
@@ -310,12 +310,12 @@ class NodeWays(Ways):
         home = name_of_subsystem(self.module)
         return [c.name, c.name.removeprefix(f"{home}.") if home else c.name]
 
-    def _is_in_proof(self, c: Component) -> bool:
-        """Whether the proof has this plant: `abstracts` names it, or names no plant."""
+    def _is_proved_plant(self, c: Component) -> bool:
+        """Whether a plant is part of the proof: `abstracts` names it, or names no plant."""
         links = self.module.symbol.verify.abstracts
         return not links or any(link.instance in self._names_of_node(c) for link in links)
 
-    def _publishers(self, index: int) -> list[Component]:
+    def _publishers_of(self, index: int) -> list[Component]:
         """The plants, nodes, and controllers of other modules that publish a topic."""
         return [
             c
@@ -323,8 +323,7 @@ class NodeWays(Ways):
             if index in c.writes and (c.plant is not None or c.module != self.module.index)
         ]
 
-    def _is_reached_by(self, c: Component, index: int) -> bool:
-        """Whether a component reads a topic, also through a queue."""
+    def _reads_or_queues(self, c: Component, index: int) -> bool:
         return any(index in (i, self.system.topics[i].queue_of) for i in c.reads)
 
     def _require_each_step(self, c: Component, index: int) -> None:
@@ -360,7 +359,7 @@ class NodeWays(Ways):
         return None if expr is None else self.number(expr)
 
 
-def _topics_read(system: System, c: Component) -> list[int]:
+def _node_reads(system: System, c: Component) -> list[int]:
     """The topics that a node reads; NotRecheckedError for a queue, which tells no age."""
     assert c.node is not None
     topics = []
@@ -374,7 +373,7 @@ def _topics_read(system: System, c: Component) -> list[int]:
 
 
 def _always_publishes(body: tuple[typed.TypedStmt, ...], topic: typed.TopicSymbol) -> bool:
-    """Whether a body publishes a topic whatever it reads."""
+    """Whether statements publish a topic whatever they read."""
 
     def is_publishing(s: typed.TypedStmt) -> bool:
         if isinstance(s, typed.TypedIf):
@@ -419,14 +418,14 @@ def check_ways(facts: Facts, setting: TimingSetting, reads: tuple[list[int], lis
         plant, published = driven_topics(facts)[index]
         apart = _count_instants(_plant_ways(facts, read), setting) > 1
         parts = _number_expressions(published) if apart else [published]
-        shown += [_states_behind(plant, part) for part in parts]
+        shown += [_variables_behind(plant, part) for part in parts]
     twice = sum(map(len, shown)) > len(set[object]().union(*shown))
     if twice:
         raise DiffersError("what SC reads may show several instants, and counts as one")
 
 
 def _count_instants(ways: Iterable[tuple[tuple[Clock, ...], str]], setting: TimingSetting) -> int:
-    """How many instants ways show: as many as differ, or as the topics that may be silent."""
+    """How many instants ways show at most: as many as differ, or as topics that may be silent."""
     every = set(ways)
     heard = {name for _, name in every} if setting.silent else set()
     return max(len({clocks for clocks, _ in every}), len(heard))
@@ -456,8 +455,8 @@ def _plant_ways(facts: Facts, read: TopicReading) -> Iterator[tuple[tuple[Clock,
             yield clocks, facts.flying.topics[index].name
 
 
-def _states_behind(plant: Component, published: typed.TypedExpr) -> set[tuple[int, object]]:
-    """The states and disturbances that a plant uses for what it publishes."""
+def _variables_behind(plant: Component, published: typed.TypedExpr) -> set[tuple[int, object]]:
+    """The variables from which a plant computes what it publishes, also through its lets."""
     assert plant.plant is not None
     lets: dict[object, object] = dict(plant.plant.lets)
     todo: list[object] = [published]

@@ -34,7 +34,7 @@ from soter.certificate.terms.linear_enclosures import (
     tangent,
     unbounded_line,
 )
-from soter.certificate.terms.terms import Linear, Terms, either
+from soter.certificate.terms.terms import Linear, Terms, or_of
 from soter.language.prelude.function_error_bounds import BOUNDS
 
 if TYPE_CHECKING:
@@ -108,7 +108,7 @@ def prelude_function(make: Operations, name: str, *operands: Value) -> Linear:
     absolute += ulps * TINIEST
     if name in ("exp", "hypot", "pow") and value.low >= 0:  # what is computed is not, either
         value.nonnegative, low = True, ZERO
-    beyond = make.terms.beyond(value)
+    beyond = make.terms.no_overflow_conditions(value)
     if not (make.is_rounded or beyond):
         return value
     off = with_error_bound(make.terms, value, relative, absolute, low, high)
@@ -121,7 +121,7 @@ def _exact_function(make: Operations, name: str, *numbers: Linear) -> Linear:
     if name == "tan":  # it has no value where the cosine is 0
         cosine = terms.apply_function("cos", *numbers)
         minus = terms.combine(((-ONE, cosine),))
-        make.add_doubt(either(terms.below_zero(cosine), terms.below_zero(minus)))
+        make.add_doubt(or_of(terms.below_zero(cosine), terms.below_zero(minus)))
     elif name == "hypot":
         squares = [terms.multiply(x, x) for x in numbers]
         return terms.apply_function("sqrt", terms.add(*squares), nonnegative=True)
@@ -131,12 +131,12 @@ def _exact_function(make: Operations, name: str, *numbers: Linear) -> Linear:
             return terms.apply_function(name, x, Linear(y.low, {}, ZERO, y.low, y.low))
         make.add_doubt_below_zero(x)
         above, rises = (terms.below_zero(terms.combine(((-ONE, v),))) for v in (x, y))
-        make.add_doubt(either(above, rises))
+        make.add_doubt(or_of(above, rises))
     elif name == "smoothstep":
         low, high, x = numbers
         parts = terms.subtract(x, low), terms.subtract(high, low)
         for difference in parts:
-            make.finite_term(terms.rounded(difference))
+            make.finite_term(terms.rounded_term(difference))
         return terms.apply_function("smooth_step", terms.divide(*parts))
     return terms.apply_function(name, *numbers)
 
@@ -150,14 +150,14 @@ def nearest_whole(make: Operations, x: Linear) -> Linear:
 
 
 def may_be_turned(terms: Terms, x: Linear) -> bool:
-    """Whether a term may stand for angles any number of turns further (`Terms.turning`)."""
+    """Whether a term may stand for angles that are any number of turns further."""
     return not terms.turning.isdisjoint(x.terms)
 
 
 def with_error_bound(
     terms: Terms, x: Linear, share: arb, extra: arb, low: arb, high: arb
 ) -> Linear:
-    """`x`, a prelude function's value, with a share and `extra` as its error, in [low, high].
+    """The value `x` of a prelude function and its error: a share of it and `extra`; in [low, high].
 
     It holds for arguments in the function's domain, which is an obligation of its own.
     """
@@ -219,17 +219,17 @@ def line_smooth_step(low: arb, high: arb) -> Line:
         end = ZERO if high <= 0 else ONE
         return ZERO, end, ZERO, end, end
 
-    def inside(x: arb) -> arb:
+    def clip(x: arb) -> arb:
         return x.max(ZERO).min(ONE)
 
     def curve(x: arb, _: arb) -> arb:
-        inner = 3 - 6 * hull(inside(low), inside(high))
+        inner = 3 - 6 * hull(clip(low), clip(high))
         return inner if x >= 0 and x <= 1 else hull(inner, ZERO)
 
-    def value(x: arb) -> arb:
-        return inside(x) ** 2 * (3 - 2 * inside(x))
+    def smooth_step(x: arb) -> arb:
+        return clip(x) ** 2 * (3 - 2 * clip(x))
 
-    return tangent(value, lambda x: 6 * inside(x) * (1 - inside(x)), curve, end_values, low, high)
+    return tangent(smooth_step, lambda x: 6 * clip(x) * (1 - clip(x)), curve, end_values, low, high)
 
 
 def line_wrap_angle(low: arb, high: arb) -> Line:
@@ -245,7 +245,7 @@ def line_wrap_angle(low: arb, high: arb) -> Line:
 
 
 def line_wrapped_double(low: arb, high: arb) -> Line:
-    """The line over `wrap_angle` as computed: x in (-PI, PI], else an angle of a number near x."""
+    """The line over `wrap_angle` as computed: x itself in (-PI, PI], else about the angle of x."""
     if low > -math.pi and high <= math.pi:
         return ONE, ZERO, ZERO, low, high
     error = exact(BOUNDS["wrap_angle"].absolute)
@@ -305,8 +305,7 @@ FUNCTIONS: dict[str, Callable[..., tuple[arb, ...]]] = {
     "exp": partial(tangent, arb.exp, arb.exp, lambda _, y: y * HALF, end_values),
     "log": _line_log,
     "tanh": partial(
-        tangent,
-        *(arb.tanh, lambda v: 1 - v.tanh() ** 2, lambda _, y: -y * (1 - y * y), end_values),
+        tangent, *(arb.tanh, lambda v: 1 - v.tanh() ** 2, lambda _, y: -y * (1 - y * y), end_values)
     ),
     "atan": partial(
         tangent,

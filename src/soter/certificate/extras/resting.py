@@ -22,8 +22,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.certificate.extras.left_out_states import beyond_ends, has_no_ends
-from soter.certificate.reading.case_model import FARTHEST, control_inputs
+from soter.certificate.extras.left_out_states import has_no_ends, intervals_beyond
+from soter.certificate.reading.case_model import FARTHEST, new_command_terms
 from soter.certificate.reading.linear_flows import has_linear_rates
 from soter.certificate.reading.module_facts import bounded_topics
 from soter.certificate.report import NotRecheckedError, RejectedError
@@ -63,11 +63,11 @@ class TermsBesideZero(Terms):
         return super().below_zero(x, strict=strict)
 
     def is_outside_state(self, x: Linear) -> bool:
-        """Whether x has an input that is never at one end: at 0 a rate counts from both sides."""
+        """Whether x reads an input that is never at one of its ends: there both sides count."""
         return any(self.excluded.get(index, 0) for index in x.terms)
 
     def _is_beside_zero(self, x: Linear, sign: int) -> bool:
-        """Whether sign * x <= 0, and x is only 0 where an input has an end that it has not."""
+        """Whether sign * x <= 0, with 0 only where an input is at an end that it never reaches."""
         most, beside = sign * x.const + x.radius, False
         for index, factor in x.terms.items():
             atom, slope = self.atoms[index], sign * factor
@@ -84,28 +84,29 @@ class Resting:
         self.model, self.group, self.grid = model, group, group.grid
         self.marked, self.c = marked, c
         self._require_resting_case()
-        self.commands, read = self._command_ranges()
+        self.commands, read = self._ranges_of_commands()
         self.ways = [k for k, state in enumerate(group.states) if state not in read]
         self.moving = [k for k in range(len(group.states)) if k not in self.ways]
         if not self.ways:
             raise NotRecheckedError("P2a: K has cells at rest, and no state that nothing reads")
-        self.box = [self._extent_of_b(k) for k in self.moving]
+        self.box = [self._interval_of_b(k) for k in self.moving]
         self.rates = {
-            signs: self._rates(signs) for signs in product((-1, 0, 1), repeat=len(self.moving))
+            signs: self._rate_ranges(signs)
+            for signs in product((-1, 0, 1), repeat=len(self.moving))
         }
         self._require_nearing_zero()
-        self.far = [[self._growth_bounds(way, sign) for sign in (-1, 1)] for way in self.ways]
+        self.far = [[self._growth_factors(way, sign) for sign in (-1, 1)] for way in self.ways]
         self.beyond = [[self._is_safe_beyond(way, sign) for sign in (-1, 1)] for way in self.ways]
 
     def _require_resting_case(self) -> None:
         facts = self.model.facts
         symbol = facts.symbol
-        others = facts.view or facts.modes or facts.module.law
+        others = facts.view or facts.reads_any_mode or facts.module.law
         alone = len(self.group.states) == len(facts.states)
         asked = symbol.shield is not None or symbol.verify.enters is not None
         if (
             facts.kind != "flow"
-            or not facts.computed
+            or not facts.is_computed
             or others
             or facts.open_ends
             or asked
@@ -117,7 +118,6 @@ class Resting:
     # ------------------------------------------------------------ terms
 
     def _new_terms(self, ranges: Mapping[int, Interval]) -> tuple[TermsBesideZero, list[Linear]]:
-        """New terms, with states in these ranges, or anywhere."""
         terms = TermsBesideZero()
         whole = -FARTHEST, FARTHEST
         names = [s.name for s in self.model.facts.states]
@@ -126,14 +126,14 @@ class Resting:
         ]
         return terms, states
 
-    def _command_ranges(self) -> tuple[list[Interval], set[int]]:
-        """The range of each command of SC over all states, and the states that SC or a rate reads.
+    def _ranges_of_commands(self) -> tuple[list[Interval], set[int]]:
+        """(the range of each command of SC over all states, the states that SC or a rate reads).
 
         These states are found with states anywhere, so that no branch is left out.
         """
         model = self.model
         terms, states = self._new_terms({})
-        rates, _ = model.rates(terms, states, control_inputs(model.facts, terms))
+        rates, _ = model.rates(terms, states, new_command_terms(model.facts, terms))
         found = input_atoms(terms, [*rates, *model.sc_commands(terms, states), *terms.obligations])
         read = {i for i, x in enumerate(states) if x.atom in found}
         near, states = model.new_terms()
@@ -143,15 +143,15 @@ class Resting:
         bounds = zip(answers, model.facts.controls, strict=True)
         return [(u.low.max(exact(c.low)), u.high.min(exact(c.high))) for u, c in bounds], read
 
-    def _extent_of_b(self, axis: int) -> Interval:
-        """B along an axis: the smallest interval with 0 and with all marked cells."""
+    def _interval_of_b(self, axis: int) -> Interval:
+        """The interval of B on an axis: the smallest one with 0 and with all marked cells."""
         others = tuple(k for k in range(self.marked.ndim) if k != axis)
         places = np.flatnonzero(self.marked.any(axis=others))
         edges = self.grid.edges[axis]
         low, high = edges[int(places[0])], edges[int(places[-1]) + 1]
         return exact(min(low, 0.0)), exact(max(high, 0.0))
 
-    def _rates(self, signs: Signs) -> list[Interval]:
+    def _rate_ranges(self, signs: Signs) -> list[Interval]:
         """The ranges of all rates at the states of B, and a hair beyond, that have these signs.
 
         For a state that is 0 both sides count as well: a run may go to and fro there.
@@ -164,7 +164,7 @@ class Resting:
         return found
 
     def _rate_ranges_with_signs(self, signs: Signs, compared: Signs) -> list[Interval]:
-        """These ranges, where comparisons with 0 are decided by the signs `compared`."""
+        """The ranges of rates at states with `signs`; `compared`: their signs in comparisons."""
         ranges = {}
         for axis, (low, high), sign in zip(self.moving, self.box, signs, strict=True):
             hair = (high - low) * HAIR
@@ -193,7 +193,7 @@ class Resting:
                     name = self.model.facts.states[self.group.states[axis]].name
                     raise NotRecheckedError(f"P2a: SC does not certainly bring {name} nearer to 0")
 
-    def _growth_bounds(self, way: int, sign: int) -> list[tuple[int, arb, arb]]:
+    def _growth_factors(self, way: int, sign: int) -> list[tuple[int, arb, arb]]:
         """(y, c below 0, c above 0) for each state y whose c |y| bounds the way's growth."""
         found = []
         for k, axis in enumerate(self.moving):
@@ -218,9 +218,9 @@ class Resting:
         if has_no_ends(self.grid, way):
             return True  # its outer cells are in C with all that lies beyond
         at = {self.group.states[k]: r for k, r in zip(self.moving, self.box, strict=True)}
-        for part in beyond_ends(self.grid.edges[way], low=sign < 0, high=sign > 0):
+        for part in intervals_beyond(self.grid.edges[way], low=sign < 0, high=sign > 0):
             terms, states = self._new_terms({**at, self.group.states[way]: part})
-            held = [self.model.predicate(terms, states, facts.symbol.safe, errors=False)]
+            held = [self.model.truth_of(terms, states, facts.symbol.safe, errors=False)]
             held += [self.model.topic_in_set(terms, states, t) for t in bounded_topics(facts)]
             if not all_certain(terms, [*held, *terms.obligations]):
                 return False
@@ -241,7 +241,7 @@ class Resting:
 
     def _reached_ranges(self, cell: Block) -> list[float] | None:
         """The ranges that a run from a cell reaches in the grid; None: it may leave unsafely."""
-        ends = self.grid.box(cell)
+        ends = self.grid.box_of(cell)
         reached: list[float] = []
         for k, edges in enumerate(self.grid.edges):
             low, high = ends[k]
@@ -250,7 +250,7 @@ class Resting:
                 continue
             at = self.ways.index(k)
             for sign, start in ((-1, low), (1, high)):
-                end = start + sign * self._farthest_way(at, sign, ends)
+                end = start + sign * self._greatest_growth(at, sign, ends)
                 last = exact(edges[0] if sign < 0 else edges[-1])
                 if not sign * (last - end) >= 0:
                     if not self.beyond[at][sign > 0]:
@@ -259,8 +259,8 @@ class Resting:
                 reached.append(lower(end) if sign < 0 else upper(end))
         return reached
 
-    def _farthest_way(self, at: int, sign: int, ends: Sequence[Interval]) -> arb:
-        """The farthest that way number `at`, in the direction of `sign`, leads from a box."""
+    def _greatest_growth(self, at: int, sign: int, ends: Sequence[Interval]) -> arb:
+        """How far, at most, way number `at` leads from a box in the direction of `sign`."""
         most = exact(np.inf)
         for axis, under, over in self.far[at][sign > 0]:
             low, high = ends[axis]
@@ -271,9 +271,9 @@ class Resting:
 def resting_cells_unshown(
     model: CaseModel, group: Axes, marked: NDArray[np.bool_], c: Cells
 ) -> partial[Iterator[Block]]:
-    """A function from a block to its marked cells that are not shown. `marked`: shaped as the grid.
+    """The function from a block to its `marked` cells (shaped as the grid) that are not shown.
 
-    RejectedError where one of them is not in `c`, NotRecheckedError as `Resting`.
+    RejectedError where a marked cell is not in `c`, NotRecheckedError as `Resting`.
     """
     if not (marked <= c.members).all():
         raise RejectedError("K has cells at rest on which `safe` is not certain")

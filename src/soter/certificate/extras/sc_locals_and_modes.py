@@ -1,4 +1,4 @@
-"""An SC with locals, with modes of other modules, or that steps before it can read a state.
+"""Reads an SC with locals, with modes of others, or that steps before states are published.
 
 Purpose: `published_in_every_step` reads every step that SC may take, one combination of modes and
 values of its locals after the other; `any_alternative` makes a term for whatever one of several
@@ -118,7 +118,7 @@ def published_in_every_step(
     with_modes: Callable[[Any], Callable[[Any], dict[int, Any]]],
     claimed: Ranges,
 ) -> Iterator[dict[int, Any]]:
-    """What each step of SC may publish; `with_modes`: a function of modes, then of its locals."""
+    """What SC may publish, for each combination of modes (`with_modes`) and of its locals."""
     for modes in mode_combinations(sc.step):
         published = with_modes(modes)
         for known_locals in combinations_of_locals(terms, sc.locals, claimed):
@@ -134,7 +134,7 @@ def combinations_of_locals(
         for v in variables
         for ends, (_, of) in zip(claimed.get(v, repeat(None)), _local_leaves(v), strict=False)
     ]
-    sizes = [_count_values(of) for of in parts]
+    sizes = [_number_of_values(of) for of in parts]
     by_size = sorted(range(len(parts)), key=lambda k: sizes[k])
     single: set[int] = set()
     for k in by_size:
@@ -142,7 +142,7 @@ def combinations_of_locals(
             single.add(k)
     ranges: list[list[Any]] = []
     for k, of in enumerate(parts):
-        ranges.append(_values_of_type(of) if k in single else [_input_of_type(terms, of)])
+        ranges.append(_all_values_of_type(of) if k in single else [_new_input_of_type(terms, of)])
     for values in product(*ranges):
         left = list(values)
         value_by_variable = {}
@@ -160,7 +160,7 @@ def _local_leaves(variable: typed.Variable) -> list[tuple[tuple[str, ...], Type]
     return variable_leaves
 
 
-def _count_values(of: Type | tuple[float, float]) -> int:
+def _number_of_values(of: Type | tuple[float, float]) -> int:
     if isinstance(of, tuple):
         return COMBINATIONS_MAX + 1
     if isinstance(of, BoolType):
@@ -172,21 +172,21 @@ def _count_values(of: Type | tuple[float, float]) -> int:
     raise NotRecheckedError("an SC with a local that is no truth, enumeration or bounded int")
 
 
-def _values_of_type(of: Type) -> list[Any]:
+def _all_values_of_type(of: Type) -> list[Any]:
     if isinstance(of, BoolType):
         return [False, True]
     if isinstance(of, IntType):
         return list(range(of.low, of.high + 1))
-    return list(range(_count_values(of)))
+    return list(range(_number_of_values(of)))
 
 
-def _input_of_type(terms: Terms, of: Type | tuple[float, float]) -> Linear | Proposition:
+def _new_input_of_type(terms: Terms, of: Type | tuple[float, float]) -> Linear | Proposition:
     if isinstance(of, tuple):
         return terms.add_input("box", "local", *map(exact, of))
     if isinstance(of, BoolType):
         free = terms.add_input("box", "local", exact(0.0), exact(1.0))
         return terms.below_zero(terms.combine(((ONE, free),), exact(-0.5)))
-    low, high = (of.low, of.high) if isinstance(of, IntType) else (0, _count_values(of) - 1)
+    low, high = (of.low, of.high) if isinstance(of, IntType) else (0, _number_of_values(of) - 1)
     return symbolic_int(terms.add_input("box", "local", exact(float(low)), exact(float(high))))
 
 
@@ -194,7 +194,7 @@ def _input_of_type(terms: Terms, of: Type | tuple[float, float]) -> Linear | Pro
 
 
 def any_alternative(terms: Terms, alternatives: Sequence[Linear]) -> Linear:
-    """A term for any of the alternatives; those that enclose the same numbers count once."""
+    """A term that stands for any of the alternatives; equal enclosures count once."""
     shapes = _Shapes(terms)
     kept: dict[object, Linear] = {}
     for x in alternatives:
@@ -210,17 +210,16 @@ def any_alternative(terms: Terms, alternatives: Sequence[Linear]) -> Linear:
     return terms.add_atom(Atom("any", (*different, *gaps), low=low, high=high))
 
 
-def any_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
-    """Row and range of any alternative: the first row, spread so far that it holds all others."""
+def enclose_any(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
+    """Row and range of any alternative: the first row, spread so far that it holds all."""
     count, ranges = (len(atom.arguments) + 1) // 2, [*map(forms.term_ends, atom.arguments)]
-    row, constant, spread = forms.row(atom.arguments[0])
-    low, high = _hull_of_ends(forms, [(forms.make.zero,) * 2, *ranges[count:]])
+    row, constant, spread = forms.row_of(atom.arguments[0])
+    low, high = _ends_around_intervals(forms, [(forms.make.zero,) * 2, *ranges[count:]])
     line = row, constant + (low + high) * HALF, spread + (high - low) * HALF
-    return line, _hull_of_ends(forms, ranges[:count])
+    return line, _ends_around_intervals(forms, ranges[:count])
 
 
-def _hull_of_ends(forms: AffineForms, intervals: Sequence[Ends]) -> Ends:
-    """The ends of the smallest interval around all intervals."""
+def _ends_around_intervals(forms: AffineForms, intervals: Sequence[Ends]) -> Ends:
     (low, high), *others = intervals
     for least, most in others:
         low, high = forms.make.apply("min", low, least), forms.make.apply("max", high, most)
@@ -296,7 +295,7 @@ def check_start_answers(facts: Facts) -> None:
         topic = facts.system.topics[sc.scope.topics[symbol]]
         running = facts.flying.topics[facts.running[topic.index]].name
         only_default = at_once and running in paths
-        known[symbol] = _any_value(terms, topic, default=only_default)
+        known[symbol] = _any_topic_value(terms, topic, default=only_default)
     if not is_step_harmless(facts, terms, known):
         raise NotRecheckedError(
             "SC may step before anything was published, and fault on what it then reads"
@@ -304,7 +303,7 @@ def check_start_answers(facts: Facts) -> None:
 
 
 def is_step_harmless(facts: Facts, terms: Terms, known: dict[typed.TopicSymbol, Any]) -> bool:
-    """Whether a step of SC on these values surely publishes all outputs, in their sets."""
+    """Whether a step of SC on these values surely publishes all outputs, within their sets."""
     sc = facts.sc
     assert sc.node is not None
     published = step_of_sc(terms, sc, known, mode_inputs(terms, sc.node.step))({})
@@ -313,8 +312,8 @@ def is_step_harmless(facts: Facts, terms: Terms, known: dict[typed.TopicSymbol, 
     return all_certain(terms, terms.obligations)
 
 
-def _any_value(terms: Terms, topic: Topic, *, default: bool) -> Any:  # noqa: ANN401  a Soter value
-    """Any value of the set of a topic; with `default` its default alone."""
+def _any_topic_value(terms: Terms, topic: Topic, *, default: bool) -> Any:  # noqa: ANN401  a Soter value
+    """A term for any value of the set of a topic; with `default` the default alone."""
     bounded = all(
         b is not None and isinstance(of, FloatType)
         for (_, of), b in zip(leaves(topic.type), topic.bounds, strict=True)

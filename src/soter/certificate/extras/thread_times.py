@@ -46,15 +46,15 @@ class ThreadRelease:
 def check_thread_times(
     system: System, module: Module, setting: TimingSetting, in_step: Iterable[str]
 ) -> str:
-    """Says what is assumed of the thread; DiffersError where a time does not hold in it.
+    """The assumption made of the thread, in words; DiffersError for a time that it does not keep.
 
-    "" where nobody in the thread declares an execution time, or a jitter. Times that are not
-    declared count as zero: a time that does not hold even then is a miss. `in_step`: nodes behind
-    SC in its instant, by name. SC may begin when the DM's verdict may still be due, which
+    "" where nobody in the thread declares an execution time or a jitter. Times that are not
+    declared count as zero: a time that does not hold even then is a miss. `in_step`: names of nodes
+    behind SC in its instant. SC may begin when the DM's verdict may still be due, which
     `latest_start` counts. NotRecheckedError where there are too many releases.
     """
-    clocks = {c.name: c for c in _way_clocks(setting)}
-    _check_processes(system, clocks, in_step)
+    clocks = {c.name: c for c in _clocks_of_nodes(setting)}
+    _check_own_times(system, clocks, in_step)
     thread = [c for c in system.components if _is_in_thread(c)]
     if all(c.wcet_ns is None and not c.jitter_ns for c in thread):
         return ""
@@ -65,10 +65,10 @@ def check_thread_times(
         if t.ends > t.release + t.who.period_ns:
             raise DiffersError(f"`{t.who.name}` may not be done when it is released again")
         if t.who.index == sc.index:
-            _check_release(t, setting.latest_start(t.release), setting.sc.response)
+            _require_release_in_time(t, setting.latest_start(t.release), setting.sc.response)
         elif t.who.name in clocks:
             clock = clocks[t.who.name]
-            _check_release(t, t.release + clock.late, clock.response)
+            _require_release_in_time(t, t.release + clock.late, clock.response)
     _require_end_behind_sc(sc, releases, map(system.component, in_step), setting.sc.response)
     absent = [c.name for c in thread if c.wcet_ns is None]
     if absent:
@@ -100,7 +100,7 @@ def _is_in_thread(c: Component) -> bool:
     return c.inline or not c.extern
 
 
-def _way_clocks(setting: TimingSetting) -> Iterable[Clock]:
+def _clocks_of_nodes(setting: TimingSetting) -> Iterable[Clock]:
     """The clocks of all nodes between the sensors, the module and the plants."""
     for read in (*setting.by_dm, *setting.by_sc):
         for path in read.paths:
@@ -132,7 +132,7 @@ def _releases_of_thread(thread: list[Component]) -> list[ThreadRelease]:
     return releases
 
 
-def _check_release(turn: ThreadRelease, start: int, response: int) -> None:
+def _require_release_in_time(turn: ThreadRelease, start: int, response: int) -> None:
     """DiffersError where a release begins after `start`, or takes longer than `response` (ns)."""
     if turn.begins > start:
         late = show_ns(turn.begins - turn.release)
@@ -142,8 +142,8 @@ def _check_release(turn: ThreadRelease, start: int, response: int) -> None:
         raise DiffersError(f"`{turn.who.name}` may take {took} in the thread")
 
 
-def _check_processes(system: System, clocks: dict[str, Clock], in_step: Iterable[str]) -> None:
-    """DiffersError where a node with its own process declares longer times than are counted.
+def _check_own_times(system: System, clocks: dict[str, Clock], in_step: Iterable[str]) -> None:
+    """DiffersError where a node in its own process declares longer times than are counted.
 
     For a node that is taken to run with SC no time is counted.
     """
@@ -157,13 +157,13 @@ def _check_processes(system: System, clocks: dict[str, Clock], in_step: Iterable
 def _require_end_behind_sc(
     sc: Component, releases: list[ThreadRelease], nodes: Iterable[Component], response: int
 ) -> None:
-    """DiffersError where a node in the thread ends later than `response` ns after SC's begin."""
+    """DiffersError where a node in the thread may end over `response` ns after SC begins."""
     for node in nodes:
-        if _is_in_thread(node) and _longest_behind_sc(releases, sc, node) > response:
+        if _is_in_thread(node) and _longest_ns_behind_sc(releases, sc, node) > response:
             raise DiffersError(f"`{node.name}` may end later behind SC than its response says")
 
 
-def _longest_behind_sc(releases: list[ThreadRelease], sc: Component, node: Component) -> int:
+def _longest_ns_behind_sc(releases: list[ThreadRelease], sc: Component, node: Component) -> int:
     """The longest time from the begin of SC to the end of a node behind it in the same instant.
 
     The thread may wait in between for the release of one of them, no earlier than the instant.

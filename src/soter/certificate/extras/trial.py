@@ -1,4 +1,4 @@
-"""Whether a certificate would be re-checked, asked by `soter verify` while it makes one.
+"""Says whether a certificate would be re-checked; `soter verify` asks while it makes one.
 
 Purpose: `why_not_recheckable` says for the headline of `verify` why a module would be *not
 re-checked* (decision 278): it reads the problem as a re-check does and makes ready what each claim
@@ -22,7 +22,7 @@ from soter.certificate.reading.folder import FREE, OF_SETS, Certificate
 from soter.certificate.reading.module_facts import bounded_topics
 from soter.certificate.rechecker import read_claims, read_problem, reason_in_words
 from soter.certificate.report import RejectedError
-from soter.diagnostics.current_phase import telling
+from soter.diagnostics.current_phase import shares_to
 from soter.diagnostics.diagnostic import SoterError
 
 if TYPE_CHECKING:
@@ -40,9 +40,9 @@ def why_not_recheckable(flat: System, entry: dict[str, Any], files: dict[str, by
     those that it names.
     """
     try:
-        whole = [of for key, of in MODULES.items() if key in entry]
-        if whole:
-            whole[0]().read(flat, entry)
+        methods = [m for key, m in MODULES.items() if key in entry]
+        if methods:
+            methods[0]().read(flat, entry)
         else:
             _try_sets(flat, entry, Certificate(Path(), {}, files, set()))
     except (RejectedError, SoterError) as error:
@@ -54,17 +54,17 @@ def why_not_recheckable(flat: System, entry: dict[str, Any], files: dict[str, by
 
 def _try_sets(flat: System, entry: dict[str, Any], certificate: Certificate) -> None:
     facts = read_problem(flat, entry)
-    claimed, values = read_claims(certificate, facts, entry), list(facts.cases())
+    claimed, values = read_claims(certificate, facts, entry), list(facts.parameter_combinations())
     for k in sorted({0, len(values) - 1}):  # the first and the last
         groups = claimed.groups[k]
         ranges = narrowed_extents(facts.extents, [g.tables for g in groups])
         model = CaseModel(facts, values[k], ranges)
         case = CaseCheck(model, groups, set(), entry, 1)
-        with telling(None):
+        with shares_to(None):
             case.show_claims()
         for expr in filter(None, (facts.symbol.safe, facts.ttf, facts.symbol.safer)):
             terms, states = model.new_terms()
-            model.predicate(terms, states, expr, errors=True)
+            model.truth_of(terms, states, expr, errors=True)
         for topic in bounded_topics(facts):
             terms, states = model.new_terms()
             model.topic_in_set(terms, states, topic)
@@ -79,7 +79,7 @@ def follow_few_cells(check: GridCheck, claims: set[str]) -> None:
     cells = np.argwhere(check.kernel.members)
     places = np.linspace(0, max(len(cells) - 1, 0), min(CELLS_TRIED, len(cells)))
     for cell in (tuple(map(int, cells[k])) for k in dict.fromkeys(map(int, places))):
-        box = check.grid.box(tuple((i, i + 1) for i in cell))
+        box = check.grid.box_of(tuple((i, i + 1) for i in cell))
         holds = min(int(check.tables.core[cell]), HOLDS_TRIED)
         check.chains.leads_to(box, holds, everywhere, everywhere.contains, PIECES[0])
         if claims & FREE:

@@ -52,7 +52,7 @@ def module_in_view(module: Module, name: str) -> Module:
     if symbol.ttf is None or symbol.safer is None:
         raise NotRecheckedError("predicates that are computed, in several views")
     block = named[0].block
-    shown = _shown_topics(block)
+    shown = _topics_driven_in_view(block)
     values = {
         **vars(symbol),
         "verify": block,
@@ -66,13 +66,13 @@ def module_in_view(module: Module, name: str) -> Module:
 def shown_part_of_enters(
     symbol: typed.ModuleSymbol, block: typed.TypedVerifyBlock
 ) -> typed.TypedExpr | None:
-    """The parts of `enters` that read only topics which a view's plants drive; None: no `enters`.
+    """The conjunction of the parts of `enters` that a view shows; None where there is no `enters`.
 
-    All of `enters` implies it. It is true where no part reads these topics alone.
+    All of `enters` implies it; it is true where the view shows no part.
     """
     if symbol.verify.enters is None:
         return None
-    return _shown_conjunction(symbol.verify.enters, _shown_topics(block), wanted=True)
+    return _shown_conjunction(symbol.verify.enters, _topics_driven_in_view(block), wanted=True)
 
 
 def why_views_leave_out(symbol: typed.ModuleSymbol, views: Collection[str]) -> str:
@@ -80,12 +80,12 @@ def why_views_leave_out(symbol: typed.ModuleSymbol, views: Collection[str]) -> s
     for view in symbol.verify.views:
         if view.name not in views:
             return f"view `{view.name}` of module `{symbol.name}` is not there"
-    every = [_shown_topics(view.block) for view in symbol.verify.views]
+    every = [_topics_driven_in_view(view.block) for view in symbol.verify.views]
     for name, predicate in (("safe", symbol.safe), ("safer", symbol.safer)):
         if predicate is None:
             return f"module `{symbol.name}` has views and no `{name}`"
-        for part in _required_parts(predicate, wanted=True):
-            if not any(_reads_only(part, shown) for shown in every):
+        for part in _needed_parts(predicate, wanted=True):
+            if not any(_reads_shown(part, shown) for shown in every):
                 return f"no view of module `{symbol.name}` shows a part of `{name}`"
     return ""
 
@@ -93,47 +93,47 @@ def why_views_leave_out(symbol: typed.ModuleSymbol, views: Collection[str]) -> s
 def without_ages(ttf: typed.TypedExpr) -> typed.TypedExpr:
     """`ttf` without the parts that read an age; unchanged if every part reads one.
 
-    "Not ttf" asks that every part be false: without some it is weaker, and more is shown.
+    "Not `ttf`" asks that every part be false: without some it is weaker, and more has to be shown.
     """
-    parts = _required_parts(ttf, wanted=False)
+    parts = _needed_parts(ttf, wanted=False)
     rest = [p for p in parts if not any(isinstance(n, typed.AgeRead) for n in nodes([p[0]]))]
     return _join_parts("||", ttf.span, rest, wanted=False) if rest else ttf
 
 
-def _shown_topics(block: typed.TypedVerifyBlock) -> set[typed.TopicSymbol]:
+def _topics_driven_in_view(block: typed.TypedVerifyBlock) -> set[typed.TopicSymbol]:
     return {topic for link in block.abstracts for topic, _ in link.plant.drives}
 
 
-def _reads_only(part: Part, shown: Collection[typed.TopicSymbol]) -> bool:
+def _reads_shown(part: Part, shown: Collection[typed.TopicSymbol]) -> bool:
     return all(topic in shown for topic in topic_reads(part[0]))
 
 
-def _required_parts(e: typed.TypedExpr, *, wanted: bool) -> Iterator[Part]:
-    """The parts that must all hold for `e` to be `wanted`."""
+def _needed_parts(e: typed.TypedExpr, *, wanted: bool) -> Iterator[Part]:
+    """The parts that must all have their truth so that `e` has the truth `wanted`."""
     if isinstance(e, typed.TypedUnary) and e.op == "!":
-        yield from _required_parts(e.operand, wanted=not wanted)
+        yield from _needed_parts(e.operand, wanted=not wanted)
     elif isinstance(e, typed.TypedBinary) and e.op == ("&&" if wanted else "||"):
-        yield from _required_parts(e.left, wanted=wanted)
-        yield from _required_parts(e.right, wanted=wanted)
+        yield from _needed_parts(e.left, wanted=wanted)
+        yield from _needed_parts(e.right, wanted=wanted)
     elif isinstance(e, typed.TypedCall) and (body := _returned_expression(e)) is not None:
-        parts = list(_required_parts(body, wanted=wanted))
+        parts = list(_needed_parts(body, wanted=wanted))
         yield from parts if len(parts) > 1 else [(e, wanted)]
     else:
         yield e, wanted
 
 
 def _returned_expression(call: typed.TypedCall) -> typed.TypedExpr | None:
-    """The expression that a function returns, with its arguments; None if it does more."""
+    """The expression that a call stands for, if its function only returns one; else None."""
     steps = call.fun.body or ()
     only = steps[0] if len(steps) == 1 else None
     if not isinstance(only, typed.TypedReturn):
         return None
     value = {id(p): a for p, a in zip(call.fun.parameters, call.arguments, strict=True)}
 
-    def filled(e: Any) -> Any:  # noqa: ANN401 - any expression
+    def with_argument(e: Any) -> Any:  # noqa: ANN401 - any expression
         return value.get(id(e.variable), e) if isinstance(e, typed.VarRead) else e
 
-    expansion: typed.TypedExpr = rewritten(only.value, filled)
+    expansion: typed.TypedExpr = rewritten(only.value, with_argument)
     return expansion
 
 
@@ -141,7 +141,7 @@ def _shown_conjunction(
     e: typed.TypedExpr, shown: set[typed.TopicSymbol], *, wanted: bool
 ) -> typed.TypedExpr:
     """The conjunction of the shown parts of `e`; true where there are none."""
-    shown_parts = [part for part in _required_parts(e, wanted=wanted) if _reads_only(part, shown)]
+    shown_parts = [part for part in _needed_parts(e, wanted=wanted) if _reads_shown(part, shown)]
     return _join_parts("&&", e.span, shown_parts, wanted=True)
 
 
@@ -252,7 +252,7 @@ def require_same_as_flown(facts: Facts) -> None:
 
 
 def require_abstracted_sensors(facts: Facts, topics: set[int]) -> None:
-    """DiffersError unless each topic comes from the plant whose abstraction drives it."""
+    """DiffersError unless each topic comes from the real plant whose abstraction drives it."""
     outer = name_of_subsystem(facts.flying_module)
     driven = driven_topics(facts)
     for index in topics:

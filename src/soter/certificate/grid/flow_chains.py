@@ -41,7 +41,7 @@ from soter.certificate.grid.chain_form_layout import (
     interval_hull,
 )
 from soter.certificate.grid.flow_enclosures import input_domains
-from soter.certificate.reading.case_model import other_ends
+from soter.certificate.reading.case_model import ends_of_other_states
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.compile_terms import TAIL, compile_lines
 from soter.certificate.terms.linear_enclosures import HALF, ONE, ZERO, exact
@@ -50,7 +50,7 @@ from soter.certificate.terms.straight_line import (
     NotCertainError,
     apply_operation,
     dot,
-    growth,
+    growth_bound,
     plus_scaled,
     product,
     side_by_side,
@@ -119,7 +119,7 @@ class FlowChain:
         self.layout = FormLayout(self.n, self.q, self.depth)
         self.behind = [exact(max(NOW, reach - k * self.delta)) for k in range(1, self.depth + 1)]
         """For k = 1, 2, ...: how long, from the sample on, others than the k latest may act."""
-        self.least_pieces = flow.least_steps(self.delta)
+        self.least_pieces = flow.least_step_count(self.delta)
 
     @property
     def may_sample_elsewhere(self) -> bool:
@@ -138,36 +138,36 @@ class FlowChain:
         commands = model.sc_commands(terms, states)
         atoms = [states[i].atom for i in members]
         outputs = [commands[k] for k in self.flow.moves]
-        boxes = other_ends(model, states, members)
+        boxes = ends_of_other_states(model, states, members)
         must, noisy = terms.obligations, self.may_sample_elsewhere
         rows = compile_lines(terms, atoms, self.n, outputs, must, boxes, noisy=noisy)
         return rows, input_domains(terms, atoms)
 
     # ------------------------------------------------------------ steps of a chain
 
-    def first_hold(self, pieces: int, form: Form) -> Image:
-        """Leads a form over the first hold, from a_0 to delta - e: the form then, and the boxes."""
+    def lead_over_first_hold(self, pieces: int, form: Form) -> Image:
+        """Leads a form over the first hold, from a_0 to delta - e: the form then, and boxes."""
         before = self.flow.ranges * self.depth  # anything
-        return self._hold_image(self.layout.take_apart(form, before), pieces, fresh=True)
+        return self._lead_over_hold(self.layout.take_apart(form, before), pieces, fresh=True)
 
-    def later_hold(self, pieces: int, form: Form) -> Image:
-        """A later hold, from k delta - e to (k + 1) delta - e: as `first`."""
-        return self._hold_image(self.layout.take_apart(form, None), pieces, fresh=False)
+    def lead_over_later_hold(self, pieces: int, form: Form) -> Image:
+        """Leads a form from k delta - e to (k + 1) delta - e: the form then, and the boxes."""
+        return self._lead_over_hold(self.layout.take_apart(form, None), pieces, fresh=False)
 
-    def last_switch(self, pieces: int, form: Form) -> Image:
-        """The boxes over [0, e + l] after N delta - e, while the latest command may still act."""
+    def last_switch_boxes(self, pieces: int, form: Form) -> Image:
+        """The boxes in [0, e + l] after N delta - e, while the latest command may still act."""
         start = self.layout.take_apart(form, None)
-        return (), self._follow(
+        return (), self._lead_over(
             start, self._acting_command(start), [(self.span / pieces, NOW)] * pieces
         )[1]
 
-    def free_boxes(self, time: Fraction, pieces: int, form: Form) -> Image:
+    def boxes_under_any_commands(self, time: Fraction, pieces: int, form: Form) -> Image:
         """The boxes over [0, time] s under any commands."""
         start = self.layout.take_apart(form, self.flow.ranges * self.depth)
         spans = [(time / pieces, NOW)] * (pieces if time else 0)
-        return (), self._follow(start, self._any_commands(start), spans)[1]
+        return (), self._lead_over(start, self._any_commands(start), spans)[1]
 
-    def _hold_image(self, start: OpenedForm, pieces: int, *, fresh: bool) -> Image:
+    def _lead_over_hold(self, start: OpenedForm, pieces: int, *, fresh: bool) -> Image:
         """Leads a form over a hold: the form at its end, and the boxes on the way.
 
         The claim: every run whose states at the beginning are of the form is in the boxes all the
@@ -176,13 +176,15 @@ class FlowChain:
         be off that row an unknown of z, one number for the hold, as one command acts. On the box of
         `flow.enclose`, which no run leaves during a step, the rate is A x + B u + c and noise, so
         that states after it are rows of the solution of that, noise counted for as long as it acts
-        (`_step`). Until `early` the old command may act, which `_handover` adds.
+        (`_lead_over_step`); until `early` the old command may act (`_effect_of_old_command`).
         """
         new = self._answer_of_sc(start, fresh=fresh)
-        way, boxes = self._follow(start, new, self.steps(pieces * self.least_pieces, fresh=fresh))
+        way, boxes = self._lead_over(
+            start, new, self.spans(pieces * self.least_pieces, fresh=fresh)
+        )
         return self.layout.put_together(start, way, new), boxes
 
-    def steps(self, count: int, *, fresh: bool) -> list[tuple[Fraction, Fraction]]:
+    def spans(self, count: int, *, fresh: bool) -> list[tuple[Fraction, Fraction]]:
         """The steps of a hold: how long each is in s, and for how long the old command may act."""
         early = NOW if fresh else self.span
         whole = self.delta - self.times.early if fresh else self.delta
@@ -259,7 +261,7 @@ class FlowChain:
         acting, others = (
             (self._any_commands(start), [])
             if fresh
-            else (self._acting_command(start), self._gap_sums(start))
+            else (self._acting_command(start), self._integrals_of_gaps(start))
         )
         n, q = self.n, self.q
         ranges = [interval_hull(start.ranges[n + k :: q][: self.depth]) for k in range(q)]
@@ -292,8 +294,8 @@ class FlowChain:
             whole = apply_operation("magnitude", dot(factors, held) + c)
             sizes.append(apply_operation("min", whole, absolute_sum(row)))
         integral = self._integral_to_reads(local, begin, end)
-        noise = flow.noise(local, begin, end, acting.radii)
-        any_time = flow.integral(local, begin, end) if others else []
+        noise = flow.noise_bounds(local, begin, end, acting.radii)
+        any_time = flow.exp_integral(local, begin, end) if others else []
         pushes = (
             product(plus_scaled(unit_rows(n), product(local.a, any_time)), local.b)
             if others
@@ -305,8 +307,8 @@ class FlowChain:
             size = noise[i] + wide + sum_of_sizes(pushes[i], others)
             rest.append(apply_operation("magnitude", size))
         rows = plus_scaled(way.rows, product([[x.mid() for x in row] for row in integral], rate))
-        self._share_ages(start, rows, values, (begin, end))
-        placed = self._with_ranges(start, StateRows(rows, rest, way.box), local)
+        self._enter_shared_ages(start, rows, values, (begin, end))
+        placed = self._ranged_rows(start, StateRows(rows, rest, way.box), local)
         if self.times.anew:  # rows are about the middle of the span, with the noise of all of it
             placed.box = [
                 (apply_operation("larger", low, a), apply_operation("smaller", high, b))
@@ -315,16 +317,16 @@ class FlowChain:
         return placed
 
     def _integral_to_reads(self, local: Enclosure, begin: Fraction, end: Fraction) -> Rows:
-        """The integral of e^{As} from now to instants of a span, less what `_share_ages` adds."""
-        return self.flow.integral(local, begin, end)
+        """The integral of e^{As} from now to instants of a span, less what shared ages add."""
+        return self.flow.exp_integral(local, begin, end)
 
-    def _share_ages(
+    def _enter_shared_ages(
         self, start: OpenedForm, rows: Rows, rates: Rows, span: tuple[Fraction, Fraction]
     ) -> None:
-        """Enters what states of one instant of a span share; here nothing is known of that."""
+        """Enters what states of one instant of a span share; a `TubeChain` knows more."""
 
-    def _gap_sums(self, start: OpenedForm) -> list[Any]:
-        """For each command the integral, back to the sample, of its distance from older ones."""
+    def _integrals_of_gaps(self, start: OpenedForm) -> list[Any]:
+        """The integral, back to the sample, of the distance of each command from older ones."""
         n, q = self.n, self.q
         integrals = []
         for k in range(q):
@@ -342,23 +344,22 @@ class FlowChain:
 
     @staticmethod
     def _largest_difference(start: OpenedForm, one: int, other: int) -> Any:  # noqa: ANN401  a ball or a value
-        """The largest difference of two old commands."""
         apart = absolute_sum([x - y for x, y in zip(start.z[one], start.z[other], strict=True)])
         return apply_operation("min", apart, _greatest_gap(start.ranges[one], start.ranges[other]))
 
     # ------------------------------------------------------------ one step
 
-    def _follow(
+    def _lead_over(
         self, start: OpenedForm, new: CommandRows, spans: Sequence[tuple[Fraction, Fraction]]
     ) -> tuple[StateRows, Boxes]:
         """Leads states over steps under the commands `new`: states then, boxes on the way."""
         way, boxes = self.layout.states_at_begin(start), []
         for span, early in spans:
-            way, tube = self._step(start, way, new, span, early)
+            way, tube = self._lead_over_step(start, way, new, span, early)
             boxes += tube
         return way, boxes
 
-    def _step(
+    def _lead_over_step(
         self,
         start: OpenedForm,
         way: StateRows,
@@ -366,7 +367,7 @@ class FlowChain:
         span: Fraction,
         early: Fraction,
     ) -> tuple[StateRows, Boxes]:
-        """The states `span` later, and the box between; until `early` old commands may act."""
+        """The states after `span` and the box until then; until `early` old commands may act."""
         ranges = new.ranges
         if early:
             old = self._acting_command(start)
@@ -374,17 +375,17 @@ class FlowChain:
         flow, local = self.flow, self.flow.enclose(way.box, ranges, NOW, span)
         law = flow.solution_over(local, span)
         rows = product(side_by_side(law.state, law.control), [*way.rows, *new.rows])
-        noise = flow.noise(local, NOW, span, new.radii)
+        noise = flow.noise_bounds(local, NOW, span, new.radii)
         if early:
-            moved, more = self._handover(start, local, law, new, early)
+            moved, more = self._effect_of_old_command(start, local, law, new, early)
             rows = plus_scaled(rows, moved)
             noise = [x + y for x, y in zip(noise, more, strict=True)]
         for row, c in zip(rows, law.constant, strict=True):
             row[-1] += c
         rest = [sum_of_sizes(row, way.rest) + x for row, x in zip(law.state, noise, strict=True)]
-        after = self._with_ranges(start, StateRows(rows, rest, way.box), local)
+        after = self._ranged_rows(start, StateRows(rows, rest, way.box), local)
         after.box = self._tightened_ranges(way.box, after.box, local, span)
-        return after, self._tube(way, after, local, span)
+        return after, self._way_box(way, after, local, span)
 
     @staticmethod
     def _tightened_ranges(
@@ -394,11 +395,11 @@ class FlowChain:
         box = []
         for i, (low, high) in enumerate(before):
             factor = local.a[i][i]
-            law = factor, local.others[i], growth(factor, exact(span))
+            law = factor, local.others[i], growth_bound(factor, exact(span))
             box.append(apply_operation("range_after", low, high, *after[i], *law, parts=2))
         return box
 
-    def _with_ranges(self, start: OpenedForm, way: StateRows, local: Enclosure) -> StateRows:
+    def _ranged_rows(self, start: OpenedForm, way: StateRows, local: Enclosure) -> StateRows:
         """The states with ranges from their rows; a state whose rate is 0 keeps its range."""
         box = []
         for i, row in enumerate(product(way.rows, start.z)):
@@ -406,17 +407,17 @@ class FlowChain:
             box.append(way.box[i] if local.has_zero_rate(i) else (row[0] - radius, row[0] + radius))
         return StateRows(way.rows, way.rest, self.flow.end_ranges(box, local))
 
-    def _tube(self, way: StateRows, after: StateRows, local: Enclosure, span: Fraction) -> Boxes:
+    def _way_box(self, way: StateRows, after: StateRows, local: Enclosure, span: Fraction) -> Boxes:
         """The box of the states between two instants, as low, high, low, ..., rounded outwards."""
         tube = []
         for i, rates in enumerate(local.rates):
             factor = local.a[i][i]
-            law = (*rates, factor, local.others[i], exact(span), growth(factor, exact(span)))
+            law = (*rates, factor, local.others[i], exact(span), growth_bound(factor, exact(span)))
             tube.append(apply_operation("range_between", *way.box[i], *after.box[i], *law, parts=2))
         ends = [end for interval in self.flow.clip_at_kept_ends(tube) for end in interval]
         return [apply_operation(name, end) for name, end in zip(cycle(("below", "above")), ends)]
 
-    def _handover(
+    def _effect_of_old_command(
         self,
         start: OpenedForm,
         local: Enclosure,
@@ -424,12 +425,12 @@ class FlowChain:
         new: CommandRows,
         early: Fraction,
     ) -> tuple[Rows, list[Any]]:
-        """What the old command adds, acting until some t <= early: E (old - new), rows and noise.
+        """The rows and noise of E (old - new): what the old command adds, acting until t <= early.
 
         E is the integral of e^{A(h - s)} B over [0, t], e^{Ah} times that of e^{-As}, times B.
         """
         old = self._acting_command(start)
-        back = [[-x for x in row] for row in self.flow.integral(local, -early, NOW)]
+        back = [[-x for x in row] for row in self.flow.exp_integral(local, -early, NOW)]
         reach = product(law.state, product(back, local.b))
         gap = plus_scaled(old.rows, new.rows, -ONE)
         sizes = [
@@ -444,12 +445,11 @@ class FlowChain:
 
 
 def _greatest_gap(a: Interval, b: Interval) -> Any:  # noqa: ANN401  a ball or a value
-    """The greatest difference between numbers of two intervals."""
     return apply_operation("max", apply_operation("max", a[1] - b[0], b[1] - a[0]), ZERO)
 
 
 def _recentre_row(row: list[Any], spread: Any, within: Interval, z: Rows) -> Any:  # noqa: ANN401
-    """Moves the constant of a number's row so that its greatest error is least; gives that error.
+    """Centres a number's row so that its greatest error is least; gives that error.
 
     It follows from the spread, from the constant's radius, and from the interval of the number,
     which says more beside a limit: rows touch it.

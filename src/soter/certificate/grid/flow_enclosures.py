@@ -33,8 +33,13 @@ from typing import TYPE_CHECKING, Any
 
 from flint import arb
 
-from soter.certificate.reading.case_model import control_inputs, other_ends
-from soter.certificate.reading.linear_flows import LinearFlow, Solution, integrals, scaled_row_sum
+from soter.certificate.reading.case_model import ends_of_other_states, new_command_terms
+from soter.certificate.reading.linear_flows import (
+    LinearFlow,
+    Solution,
+    exp_integrals,
+    scaled_row_sum,
+)
 from soter.certificate.terms.compile_terms import TAIL, compile_lines
 from soter.certificate.terms.linear_enclosures import (
     HALF,
@@ -83,7 +88,7 @@ STIFF, STEPS_MAX = arb("1.2"), 64
 
 @dataclass(frozen=True, eq=False)
 class Enclosure:
-    """Every solution is in `box`, and there x' = a x + b u + constant +- noise, in `rates`."""
+    """A box that holds all solutions; in it x' = a x + b u + constant +- noise, within `rates`."""
 
     box: list[Interval]
     a: Rows
@@ -147,8 +152,8 @@ class SolvedFlow(KeptEnds):
         self._solution = lru_cache(maxsize=None)(self.flow.solution)
         self._added = lru_cache(maxsize=None)(self._noise_and_gains)
 
-    def least_steps(self, span: Fraction) -> int:
-        """Into how many steps a span is cut at least: one."""
+    def least_step_count(self, span: Fraction) -> int:
+        """1: a span is not cut, as the flow is solved over all of it."""
         del span
         return 1
 
@@ -168,7 +173,7 @@ class SolvedFlow(KeptEnds):
         met = []
         drift, noise = (
             plus_scaled(law.state, unit_rows(self.n), -ONE),
-            self.noise(None, start, end, radii),
+            self.noise_bounds(None, start, end, radii),
         )
         for i, (low, high) in enumerate(box):
             off = dot([*drift[i], *law.control[i]], [*hulls, *middles]) + law.constant[i]
@@ -207,7 +212,7 @@ class SolvedFlow(KeptEnds):
         return rates, others
 
     def _noise_and_gains(self, start: Fraction, end: Fraction) -> tuple[list[arb], Rows]:
-        """Bounds on what disturbances add to a state, and on what each command in [-1, 1] adds."""
+        """Bounds on what disturbances add to each state, and what each command in [-1, 1] adds."""
         flow, columns = self.flow, range(len(self.moves))
         gains = [flow.noise_bounds([[row[k]] for row in flow.b], start, end) for k in columns]
         rows = [[gain[i] for gain in gains] for i in range(self.n)]
@@ -223,7 +228,7 @@ class SolvedFlow(KeptEnds):
         del enclosure
         return self._solution(span, span)
 
-    def noise(
+    def noise_bounds(
         self,
         enclosure: Enclosure | None,
         start: Fraction,
@@ -235,9 +240,9 @@ class SolvedFlow(KeptEnds):
         noise, gains = self._added(start, end)
         return [x + sum_of_sizes(row, radii) for x, row in zip(noise, gains, strict=True)]
 
-    def integral(self, enclosure: Enclosure, start: Fraction, end: Fraction) -> Rows:
+    def exp_integral(self, enclosure: Enclosure, start: Fraction, end: Fraction) -> Rows:
         """The integral of e^{As} over [0, t], for all t in [start, end]."""
-        return integrals(enclosure.a, start, end)
+        return exp_integrals(enclosure.a, start, end)
 
 
 class LocalFlow(KeptEnds):
@@ -259,7 +264,7 @@ class LocalFlow(KeptEnds):
         super().__init__(model, members, kept)
         terms, states = model.new_terms()
         terms.outside = None if outside is None else states[members[outside]].atom
-        controls = control_inputs(model.facts, terms)
+        controls = new_command_terms(model.facts, terms)
         rates, _ = model.rates(terms, states, controls)
         atoms = [states[i].atom for i in members]
         outputs = [rates[i] for i in members]
@@ -270,7 +275,7 @@ class LocalFlow(KeptEnds):
         """Controls that this group feels."""
         inputs = atoms + [controls[k].atom for k in self.moves]
         must = _obligations(terms, atoms, [x.atom for x in states])
-        boxes = other_ends(model, states, members)
+        boxes = ends_of_other_states(model, states, members)
         self.may_branch = model.facts.at_rest
         """Whether there may be several solutions."""
         self.written = compile_lines(terms, inputs, 0, outputs, must, boxes)
@@ -279,8 +284,8 @@ class LocalFlow(KeptEnds):
             (exact(c.low), exact(c.high)) for c in (model.facts.controls[k] for k in self.moves)
         ]
 
-    def least_steps(self, span: Fraction) -> int:
-        """Into how many steps a span is cut at least, so that a step is short for the rates."""
+    def least_step_count(self, span: Fraction) -> int:
+        """Into how many steps a span is cut at least; each is then short for the rates."""
         try:
             lines = self.derivative_rows(self.grid, self.ranges)
         except NotCertainError:
@@ -305,7 +310,7 @@ class LocalFlow(KeptEnds):
             raise NotCertainError
         return list(rows)
 
-    def rates(self, lines: Sequence[arb]) -> list[Interval]:
+    def rate_ranges(self, lines: Sequence[arb]) -> list[Interval]:
         """The ranges of the derivative, out of its rows."""
         width = self.n + len(self.moves) + TAIL
         return [(lines[k * width - 2], lines[k * width - 1]) for k in range(1, self.n + 1)]
@@ -322,7 +327,7 @@ class LocalFlow(KeptEnds):
         trial = self.clip_at_kept_ends(box)
         lines = self.derivative_rows(trial, commands)
         for k in range(ROUNDS):
-            moved = self._box_during_span(box, self.rates(lines), first, last)
+            moved = self._box_during_span(box, self.rate_ranges(lines), first, last)
             if k and _is_within(moved, trial):
                 return self.enclosure_by_rows(moved, commands, lines)
             hair = HAIR if start < 0 or self.may_branch else ZERO
@@ -344,7 +349,7 @@ class LocalFlow(KeptEnds):
     def _looser_box(
         self, box: Sequence[Interval], moved: Sequence[Interval], hair: arb
     ) -> list[Interval]:
-        """A box around `moved`: wider by a tenth of the way from `box`, and by a hair."""
+        """A box around `moved`, wider by a tenth of the way from `box`, and by a hair."""
         intervals = []
         for (low, high), (least, most), (first, last) in zip(box, moved, self.grid, strict=True):
             more = (last - first).min(ONE + abs(low) + abs(high)) * hair  # a set may be endless
@@ -361,7 +366,7 @@ class LocalFlow(KeptEnds):
         """The enclosure by these rows of the derivative; the row of a state with rate 0 is zero."""
         n, m = self.n, len(self.moves)
         width = n + m + TAIL
-        rows, rates = [], self.rates(lines)
+        rows, rates = [], self.rate_ranges(lines)
         for k, (low, high) in enumerate(rates):
             still = low.is_zero() and high.is_zero()
             rows.append([ZERO] * width if still else list(lines[k * width : (k + 1) * width]))
@@ -389,14 +394,14 @@ class LocalFlow(KeptEnds):
 
     def solution_over(self, enclosure: Enclosure, span: Fraction) -> Solution:
         """The solution over a step of this length."""
-        integral = integrals(enclosure.a, span, span)
+        integral = exp_integrals(enclosure.a, span, span)
         return Solution(
             plus_scaled(unit_rows(self.n), product(enclosure.a, integral)),
             product(integral, enclosure.b),
             times_column(integral, enclosure.constant),
         )
 
-    def noise(
+    def noise_bounds(
         self, enclosure: Enclosure, start: Fraction, end: Fraction, radii: Sequence[arb]
     ) -> list[arb]:
         """Bounds on what disturbances add in [start, end], with commands off by up to `radii`.
@@ -411,9 +416,9 @@ class LocalFlow(KeptEnds):
         pairs = zip(enclosure.noise, enclosure.b, strict=True)
         sizes = [x + sum_of_sizes(row, radii) for x, row in pairs]
         longest = max(-start, end)
-        return times_column(integrals(major, longest, longest), sizes)
+        return times_column(exp_integrals(major, longest, longest), sizes)
 
-    def integral(self, enclosure: Enclosure, start: Fraction, end: Fraction) -> Rows:
+    def exp_integral(self, enclosure: Enclosure, start: Fraction, end: Fraction) -> Rows:
         """The integral of e^{As} over [0, t], for all t in [start, end]."""
         rows = self.integral_less_time(enclosure, start, end)
         for i, row in enumerate(rows):

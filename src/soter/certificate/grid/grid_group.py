@@ -93,7 +93,7 @@ class GridGroup:
         tables.levels = [certificate.set_of_cells(path, shape) for path in entry.get("S", [])]
         return cls(tables)
 
-    def check(self, model: CaseModel, lawful: Cells | None) -> GridCheck:
+    def make_check(self, model: CaseModel, lawful: Cells | None) -> GridCheck:
         """Makes the check that shows the claims of this group cell by cell."""
         return GridCheck(model, self.tables, lawful)
 
@@ -110,8 +110,8 @@ class GridGroup:
         report.cells += int(np.prod(self.tables.grid.shape))
 
     @property
-    def why_ac_never(self) -> str:
-        """Why the DM's table never gives AC control, or never leaves it; "" where it does both."""
+    def why_never_ac(self) -> str:
+        """Why the DM's table never gives AC control, or never leaves it there; else ""."""
         given_back, levels = self.tables.given_back, self.tables.levels
         if given_back is not None and not given_back.any():
             return f"{GETS} (the table gives it back on no estimate)"
@@ -217,7 +217,7 @@ class GridCheck:
         return block_tasks("some command leads out of K within H from", self.grid, show)
 
     def predicate_tasks(self, name: str, expr: typed.TypedExpr, *, admits: bool) -> Iterable[Task]:
-        """Tasks that show that the predicate leaves AC in control on no cell outside of R."""
+        """Tasks that show that a predicate leaves AC in control on no cell outside of R."""
         assert self.tables.free is not None
         if self.tables.free.all():
             return ()
@@ -225,9 +225,9 @@ class GridCheck:
         show = partial(cells_wrongly_admitted, check, self.tables.free)
         return block_tasks(f"`{name}` may leave AC in control outside R(H) in", self.grid, show)
 
-    def levels_tasks(self, between_ns: int) -> Iterator[Task]:
+    def tasks_for_levels(self, ns_between_verdicts: int) -> Iterator[Task]:
         """Tasks that show the sets S, where predicates are computed."""
-        yield from extras.estimates_and_shield.level_tasks(self, between_ns)
+        yield from extras.estimates_and_shield.level_tasks(self, ns_between_verdicts)
 
     @property
     def holds_to_return(self) -> int:
@@ -287,7 +287,7 @@ class GridCheck:
         inside = self.grid.cells_around([end for edges in box.edges for end in edges]) is not None
         if not (inside and self.are_never_left(self.kernel)):
             check = FreeCheck(self.model, self.tables, until_ns)
-            if not check.stays_in(box.box(box.all_cells), self.kernel, FREE_PIECES[-1]):
+            if not check.stays_in(box.box_of(box.all_cells), self.kernel, FREE_PIECES[-1]):
                 raise RejectedError("an initial state may leave K before SC acts")
         return ()
 
@@ -307,9 +307,11 @@ def block_tasks(
         work = LOOK * cell_count(block)
         if holds is not None:
             work += float(holds[tuple(slice(a, b) for a, b in block)].sum(dtype=np.float64))
-        yield partial(_failure, text, grid, show, block), work
+        yield partial(_failure_in_block, text, grid, show, block), work
 
 
-def _failure(text: str, grid: Grid, show: Callable[[Block], Iterator[Block]], block: Block) -> str:
+def _failure_in_block(
+    text: str, grid: Grid, show: Callable[[Block], Iterator[Block]], block: Block
+) -> str:
     failed = next(show(block), None)
     return "" if failed is None else f"{text} {grid.block_in_words(failed)}"

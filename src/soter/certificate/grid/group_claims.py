@@ -96,7 +96,7 @@ class GroupTables(Axes):
 
 @dataclass(frozen=True)
 class _TargetCells:
-    """Cells in which runs from a box are to be, and runs from beyond the ends of axes."""
+    """Cells in which runs from a box, and runs from beyond the ends of axes, are to be."""
 
     cells: Cells
     start: list[tuple[arb, arb]]
@@ -106,7 +106,7 @@ class _TargetCells:
         return self.cells.contains_all(boxes) and self.holds_beyond(boxes)
 
     def holds_beyond(self, boxes: Sequence[float]) -> bool:
-        """Whether what is shown of these boxes holds of the runs from beyond the ends."""
+        """Whether these boxes hold of runs from beyond the ends of axes, too."""
         return self.cells.grid.holds_beyond_ends(self.start, boxes)
 
 
@@ -141,7 +141,7 @@ class ChainCheck:
         cuts: int = 0,
         window: Window = EVERY,
     ) -> bool:
-        """Whether after so many holds all runs are in `target`, and in `within` all the time."""
+        """Whether all runs from a box are in `target` after `holds`, and `within` until then."""
         reached = self.follow(box, [holds], within, pieces, cuts=cuts, window=window)
         return any(all(map(target, ends)) for _, ends in reached)
 
@@ -200,7 +200,7 @@ class ChainCheck:
         within: Cells,
         target: Callable[[Sequence[float]], bool],
     ) -> bool:
-        """Whether `leads_to` holds with finer tubes, on parts of the box, and of sets on the way.
+        """Whether `leads_to` holds with finer tubes, on parts of the box and of sets on the way.
 
         If not, each of several windows is tried by itself. Where the manifest says that reads are
         older than any there are, all that follows is about the reads that there are.
@@ -216,8 +216,8 @@ class ChainCheck:
         for some in self._window_splits():
             if any(holds_in_parts(box, partial(all_lead, some=some, cuts=c), n) for n, c in LED_IN):
                 return True
-            if facts.times["d_ns"] != facts.own.delay:
-                facts.times["d_ns"] = facts.own.delay
+            if facts.times["d_ns"] != facts.derived.delay:
+                facts.times["d_ns"] = facts.derived.delay
                 self._chains.clear()
                 return self.leads_in_parts(box, holds, within, target)
         return False
@@ -233,7 +233,6 @@ class ChainCheck:
 
 
 def _box_of_states(form: Sequence[arb], n: int) -> tuple[float, ...]:
-    """The box of the first n states of a form."""
     bounds: list[float] = []
     for i in range(n):
         bounds += (lower(form[2 * i]), upper(form[2 * i + 1]))
@@ -282,16 +281,16 @@ def cells_not_led(
     grid = check.group.grid
 
     def attempt(at: Block, wanted: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        own = witnesses[block_index(at)]
+        due = witnesses[block_index(at)]
         shown = np.zeros_like(wanted)
-        for holds, ends in check.follow(grid.box(at), holds_of(own, wanted), within, PIECES[0]):
+        for holds, ends in check.follow(grid.box_of(at), holds_of(due, wanted), within, PIECES[0]):
             if all(target.contains(end) for end in ends):
-                shown |= wanted & (own == holds)
+                shown |= wanted & (due == holds)
         return shown
 
     def leads_to(cell: Block) -> bool:
         holds = int(witnesses[block_index(cell)].flat[0])
-        return check.leads_in_parts(grid.box(cell), holds, within, target.contains)
+        return check.leads_in_parts(grid.box_of(cell), holds, within, target.contains)
 
     waiting = cells_unshown(witnesses > 0, block, attempt, CELLS_AT_ONCE)
     return (cell for cell in waiting if not leads_to(cell))
@@ -303,7 +302,7 @@ def holds_of(witnesses: NDArray[np.uint8], wanted: NDArray[np.bool_]) -> list[in
 
 
 def cells_not_nearer(check: ChainCheck, home: Cells, block: Block) -> Iterator[Block]:
-    """The cells of W from which SC does not certainly lead to lower ranks."""
+    """The cells of W from which SC does not certainly lead to cells of lower rank."""
     group = check.group
     assert group.rank is not None
     assert group.rank_holds is not None
@@ -323,17 +322,19 @@ def cells_not_nearer(check: ChainCheck, home: Cells, block: Block) -> Iterator[B
     todo = (group.rank > 0) & ~home.members
 
     def attempt(at: Block, wanted: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        own, ranks = every_holds[block_index(at)], order[block_index(at)]
+        due, ranks = every_holds[block_index(at)], order[block_index(at)]
         shown = np.zeros_like(wanted)
-        for holds, ends in check.follow(grid.box(at), holds_of(own, wanted), everywhere, PIECES[0]):
+        for holds, ends in check.follow(
+            grid.box_of(at), holds_of(due, wanted), everywhere, PIECES[0]
+        ):
             top = max(highest_rank(end) for end in ends)
-            shown |= wanted & (own == holds) & (ranks > top)
+            shown |= wanted & (due == holds) & (ranks > top)
         return shown
 
     def leads_to(cell: Block) -> bool:
         holds, rank = (int(x[block_index(cell)].flat[0]) for x in (every_holds, order))
         return holds > 0 and check.leads_in_parts(
-            grid.box(cell), holds, everywhere, lambda end: highest_rank(end) < rank
+            grid.box_of(cell), holds, everywhere, lambda end: highest_rank(end) < rank
         )
 
     waiting = cells_unshown(todo, block, attempt, CELLS_AT_ONCE)
@@ -373,7 +374,7 @@ class FreeCheck:
         return True
 
     def stays_in_parts(self, box: list[tuple[arb, arb]], within: Cells, splits: int) -> bool:
-        """Whether `stays_in` holds, if need be with finer tubes of parts halved `splits` times."""
+        """Whether `stays_in` holds; if need be with finer tubes, of parts halved `splits` times."""
         if self.stays_in(box, within, FREE_PIECES[0]):
             return True
         tried = (partial(self.stays_in, within=within, pieces=n) for n in FREE_PIECES[1:])
@@ -387,6 +388,6 @@ def cells_driven_out(
     grid = check.group.grid
 
     def attempt(at: Block) -> bool:
-        return check.stays_in_parts(grid.box(at), within, SPLITS if cell_count(at) == 1 else 0)
+        return check.stays_in_parts(grid.box_of(at), within, SPLITS if cell_count(at) == 1 else 0)
 
     return cells_uncovered(claimed, block, attempt, 4 * CELLS_AT_ONCE)

@@ -100,7 +100,7 @@ def uncrossed_ends(model: CaseModel, members: Sequence[int]) -> Kept:
 
 
 def _side_test(model: CaseModel, members: Sequence[int]) -> Test:
-    """Makes the test of an end: on its side of the grid, in parts, and then on a strip outside."""
+    """The test that runs move inwards at an end: on its side of the grid, then on a strip."""
     flow = LocalFlow(model, members)
 
     def inwards(side: Side, i: int, sign: int) -> bool:
@@ -126,7 +126,7 @@ def _moves_inwards(flow: LocalFlow, side: Side, i: int, sign: int, fixed: tuple[
             lines = flow.derivative_rows([*others[:i], fixed, *others[i:]], flow.ranges)
         except NotCertainError:
             return False
-        low, high = flow.rates(lines)[i]
+        low, high = flow.rate_ranges(lines)[i]
         return bool(low >= 0 if sign > 0 else high <= 0)
 
     others = [(exact(a), exact(b)) for k, (a, b) in enumerate(side) if k != i]
@@ -135,10 +135,10 @@ def _moves_inwards(flow: LocalFlow, side: Side, i: int, sign: int, fixed: tuple[
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """`first` leads the form of a cell over a hold, `later` a form over the next hold.
+    """Functions from form to form: `first` leads a cell over a hold, `later` over each next one.
 
-    Both give a form and the boxes of all states on the way: low, high, low, high, ..., flat.
-    `last`: from the form before the last switch to the boxes of the switch; None: the form's box.
+    Both also give the boxes of all states on the way: low, high, low, high, ..., flat. `last`: from
+    the form before the last switch to the boxes of the switch; None: the form's box.
     """
 
     first: Step
@@ -148,7 +148,7 @@ class Chain:
 
 @dataclass(frozen=True)
 class Window:
-    """The runs with p in the `index`th of `count` equal parts of [0, j].
+    """The runs with p (see the head) in the part `index` of `count` equal parts of [0, j].
 
     Of these the ones whose first sample was taken as long before a_0 as the `age`th of `ages` equal
     parts of [0, d] says: how far any command may have led since is then known better.
@@ -177,9 +177,9 @@ def windows_of_runs(
 ) -> tuple[Window, ...]:
     """Windows that together hold all runs: `count` of them, or one where no command acts late.
 
-    `by_age`: each window in `count` parts, where a linear flow led from the first sample and all
-    that SC reads of it comes one way: several ways may show several instants, and so may a node
-    that makes one topic of several, if one of these may be silent.
+    `by_age`: each is cut again into `count` parts, by the age of the first sample; this needs a
+    linear flow, and one way by which SC reads all: several ways may show several instants, and so
+    may a node that makes one topic of several, if one of these may be silent.
     """
     if model.facts.kind == "map" or model.facts.has_late_commands:
         return (EVERY,)
@@ -203,12 +203,12 @@ def sc_chain(
     delta, d, j = (t * NANOSECOND for t in times_ns)
     times = Times(delta, d, *window.early_and_late(j), window.sample_span(d))
     if facts.has_late_commands:
-        times = Times(delta, facts.own.in_force * NANOSECOND, anew=True)
+        times = Times(delta, facts.derived.in_force * NANOSECOND, anew=True)
     chain = FlowChain(model, members, _flow_of_group(model, members), times)
     cell, form = (chain.layout.form_length(fresh=fresh) for fresh in (True, False))
-    first = _form_step(chain, partial(chain.first_hold, pieces), cell)
-    later = _form_step(chain, partial(chain.later_hold, pieces), form)
-    last = _form_step(chain, partial(chain.last_switch, pieces), form) if chain.span else None
+    first = _form_step(chain, partial(chain.lead_over_first_hold, pieces), cell)
+    later = _form_step(chain, partial(chain.lead_over_later_hold, pieces), form)
+    last = _form_step(chain, partial(chain.last_switch_boxes, pieces), form) if chain.span else None
     return Chain(first, later, last)
 
 
@@ -221,7 +221,7 @@ def phase_steps(
         return steps
     delta = model.facts.times["delta_ns"] * NANOSECOND
     chain = FlowChain(model, members, _flow_of_group(model, members), Times(delta))
-    free = partial(chain.free_boxes, time_ns * NANOSECOND, pieces)
+    free = partial(chain.boxes_under_any_commands, time_ns * NANOSECOND, pieces)
     return (_form_step(chain, free, chain.layout.form_length(fresh=True)),)
 
 
@@ -237,7 +237,7 @@ def _form_step(chain: FlowChain, image: Callable[[tuple[Any, ...]], Image], leng
     if isinstance(chain.flow, LocalFlow):
         return partial(_image_of_balls, image)
     make = Builder()
-    form, boxes = image(tuple(make.input(i) for i in range(length)))
+    form, boxes = image(tuple(make.input_at(i) for i in range(length)))
     return Function(make, length, [*form, *boxes], after=len(form))
 
 

@@ -26,7 +26,7 @@ from soter.certificate.induction.induction_problem import (
     modes_of_others,
     read_induction,
 )
-from soter.certificate.induction.solver_values import both, negation, one_of
+from soter.certificate.induction.solver_values import and_of, negation, or_of
 from soter.certificate.report import (
     GETS,
     KEEPS,
@@ -81,9 +81,9 @@ def recheck_induction(
     if "P2b" in claims and conditional:
         raise RejectedError("P2b rests on what nobody proves: it is assumed, not proved")
     if "P2b" in claims:
-        _show_return(facts, returns, entry["recover_ns"])
+        _show_return_in_time(facts, returns, entry["recover_ns"])
     report = RecheckedModule(entry["module"], verdicts, system=flat.name)
-    report.stays = bool(facts.symbol.stays)
+    report.stays = bool(facts.symbol.stay_clause)
     report.safe = " ".join(facts.symbol.safe.span.text.split())
     report.assumptions = _assumptions_of_induction(facts)
     report.times = {"hyperperiod_ns": facts.hyperperiod, "k": k, "returns": returns}
@@ -95,10 +95,7 @@ def recheck_induction(
 
 
 def read_entry(flat: System, entry: dict[str, Any]) -> None:
-    """Reads the code and the times of a module as a check does, and asks the solver nothing.
-
-    Raises what `recheck_induction` does.
-    """
+    """Reads code and times as `recheck_induction` does, raises what it does, and asks no solver."""
     facts = read_induction(flat, entry["module"])
     k, _ = compare_entry(facts, entry["induction"])
     _require_affordable(facts, k + 1)
@@ -107,7 +104,6 @@ def read_entry(flat: System, entry: dict[str, Any]) -> None:
 
 
 def _check_static_claims(facts: InductionFacts, verdicts: dict[str, str]) -> None:
-    """Compares P1a, P1b, P1c with the program; RejectedError where a claim overstates it."""
     check_module_claims(facts.flying, facts.flying_module, verdicts)
     if verdicts.get("P1c") == PROVED and facts.undeclared:
         raise RejectedError("P1c rests on times that are not declared: it is assumed, not proved")
@@ -116,15 +112,15 @@ def _check_static_claims(facts: InductionFacts, verdicts: dict[str, str]) -> Non
 def _show_induction(facts: InductionFacts, k: int) -> int:
     """Shows each instant of a hyperperiod from those before it, then the start of a run.
 
-    Gives how many hyperperiods of hypothesis are enough, at most k: a greater k costs nothing.
+    Gives how many hyperperiods of hypothesis are enough, at most k.
     """
     _require_affordable(facts, k + 1)
     times = sorted(actors_due(facts, (k + 1) * facts.hyperperiod))
     late = [at for at in times if at >= k * facts.hyperperiod]
-    rests_on = max(_hypothesis_time(facts, at, times) for at in late)
+    rests_on = max(_ns_of_hypothesis(facts, at, times) for at in late)
     run = TransitionSystem(facts, first=True)
     run.run_until(facts.settled_at + min(rests_on, k * facts.hyperperiod))
-    _require_unsat(_ask_failure(facts, _new_solver(run), run.instants), "the first hyperperiods")
+    _require_unsat(_ask_for_failure(facts, _solver_of(run), run.instants), "the first hyperperiods")
     return min(-(-rests_on // facts.hyperperiod), k)
 
 
@@ -139,10 +135,10 @@ def _require_affordable(facts: InductionFacts, turns: int) -> None:
         )
 
 
-def _hypothesis_time(facts: InductionFacts, at: int, times: list[int]) -> int:
+def _ns_of_hypothesis(facts: InductionFacts, at: int, times: list[int]) -> int:
     """How long (ns) everything must have held before an instant so that it holds then, too.
 
-    At first a few instants are tried, from any state: what follows from few follows from more.
+    Few instants are tried first, from any state: what follows from few follows from more.
     """
     before = [0, *(b for b in times if 0 < b < at)]
     many = 1
@@ -151,9 +147,9 @@ def _hypothesis_time(facts: InductionFacts, at: int, times: list[int]) -> int:
         run = TransitionSystem(facts, first=False, begin=begin)
         run.run_until(at + 1)
         last = begin == 0
-        solver = _new_solver(run)
+        solver = _solver_of(run)
         solver.add(*[i.holds for i in run.instants[:-1]])
-        answer = _ask_failure(facts, solver, run.instants[-1:], WORK if last else WORK // 10)
+        answer = _ask_for_failure(facts, solver, run.instants[-1:], WORK if last else WORK // 10)
         if last:
             _require_unsat(answer, "the induction")
         if last or answer == z3.unsat:
@@ -161,10 +157,10 @@ def _hypothesis_time(facts: InductionFacts, at: int, times: list[int]) -> int:
         many *= 2
 
 
-def _ask_failure(
+def _ask_for_failure(
     facts: InductionFacts, solver: z3.Solver, instants: list[Instant], work: int = WORK
 ) -> z3.CheckSatResult:
-    solver.add(one_of(*[negation(both(i.holds, i.always)) for i in instants]))
+    solver.add(or_of(*[negation(and_of(i.holds, i.always)) for i in instants]))
     return _ask_solver(facts, solver, work)
 
 
@@ -172,20 +168,20 @@ def _ask_solver(facts: InductionFacts, solver: z3.Solver, work: int) -> z3.Check
     """Asks the solver, with at most `work`; all queries together have `WORK_OF_ALL`."""
     if facts.work >= WORK_OF_ALL:
         raise NotRecheckedError("the solver needs more work than is done")
-    before = _work_count(solver)
+    before = _work_of_solvers(solver)
     solver.set("rlimit", min(work, WORK_OF_ALL - facts.work))
     verdict = ask_solver(solver)
-    facts.work += max(_work_count(solver) - before, 0)
+    facts.work += max(_work_of_solvers(solver) - before, 0)
     return verdict
 
 
-def _work_count(solver: z3.Solver) -> int:
-    """The solver's count of its work, of all solvers since the process began."""
+def _work_of_solvers(solver: z3.Solver) -> int:
+    """The count of the work of all solvers since the process began, in units of the solver."""
     count: int = dict(iter(solver.statistics())).get("rlimit count", 0)
     return count
 
 
-def _show_return(facts: InductionFacts, turns: int, recover_ns: object) -> None:
+def _show_return_in_time(facts: InductionFacts, turns: int, recover_ns: object) -> None:
     if turns < 1 or (recover_ns is not None and recover_ns != (turns + 1) * facts.hyperperiod):
         raise RejectedError("P2b: no time within which SC gives control back")
     declared = facts.symbol.verify.recover
@@ -196,14 +192,14 @@ def _show_return(facts: InductionFacts, turns: int, recover_ns: object) -> None:
     _require_affordable(facts, turns)
     run = TransitionSystem(facts, first=False, fresh=True)
     run.run_until(turns * facts.hyperperiod)
-    solver = _new_solver(run)
+    solver = _solver_of(run)
     solver.add(*[i.holds for i in run.instants])
-    solver.add(*[one_of(negation(d.turn), d.stays) for d in run.decisions])
+    solver.add(*[or_of(negation(d.turn), d.stays) for d in run.decisions])
     _require_unsat(_ask_solver(facts, solver, WORK), "P2b")
 
 
 def _why_vacuous(facts: InductionFacts, k: int) -> tuple[str, str]:
-    """Why no decision gives AC control, or leaves it there; why that was not looked at; else "".
+    """(why no decision gives AC control, or leaves it there, why that was not checked); else "".
 
     As everything holds at every instant, each decision of a run is one of the first hyperperiods,
     or one after k others.
@@ -222,10 +218,10 @@ def _why_vacuous(facts: InductionFacts, k: int) -> tuple[str, str]:
         for first, end in ends:
             run = TransitionSystem(facts, first=first)
             run.run_until(end)
-            solver = _new_solver(run)
+            solver = _solver_of(run)
             solver.add(*[i.holds for i in run.instants[:-1]])
             since = 0 if first else k * facts.hyperperiod
-            solver.add(one_of(*[both(d.turn, kind(d)) for d in run.decisions if d.at >= since]))
+            solver.add(or_of(*[and_of(d.turn, kind(d)) for d in run.decisions if d.at >= since]))
             answers.add(str(_ask_solver(facts, solver, WORK // 10)))
             if "sat" in answers:
                 break
@@ -236,7 +232,7 @@ def _why_vacuous(facts: InductionFacts, k: int) -> tuple[str, str]:
     return "", ""
 
 
-def _new_solver(run: TransitionSystem) -> z3.Solver:
+def _solver_of(run: TransitionSystem) -> z3.Solver:
     solver = z3.Solver()
     solver.set("timeout", PATIENCE_MS)
     solver.add(*run.constraints)

@@ -1,4 +1,4 @@
-"""The node part of a hand-over: a view's state jumps only in steps of which `enters` holds.
+"""Checks the node of a hand-over: the state of a view jumps only in steps where `enters` holds.
 
 Purpose: `why_jumps_not_shown` asks z3, for one topic that the map of a view reads, of any two steps
 in a row of the node that publishes it, and of its very first step (proof-sets.md, "Hand-over"):
@@ -20,11 +20,11 @@ import z3
 
 from soter.certificate.induction.solver_steps import SolverReading, VisibleValues
 from soter.certificate.induction.solver_values import (
-    both,
+    and_of,
     choose,
     leaf_terms,
     negation,
-    one_of,
+    or_of,
     unknown_value,
     value_as_terms,
 )
@@ -59,24 +59,24 @@ by itself, as one with `time`, an age or a mode does."""
 def why_jumps_not_shown(
     facts: Facts, link: typed.AbstractionLink, topic: typed.TopicSymbol
 ) -> tuple[str, str]:
-    """The node that publishes a topic, and why its jumps are not shown to be right; else "".
+    """(the node that publishes a topic, why its jumps are not shown to be right), else "".
 
     NotRecheckedError for a construct that is not understood.
     """
     if not all(isinstance(n, IN_A_MAP) for n in parts_of([link.value])):
         return "", f"the map of {link.name} reads more than plants and topics"
-    at = _topic_index(facts, topic)
+    at = _index_of_running_topic(facts, topic)
     if at < 0:
         return "", "it stands for several topics, or for none"
-    writers = _writers(facts, at)
+    writers = _components_that_publish(facts, at)
     if len(writers) != 1 or writers[0].node is None:
         return "", "it is not published by one node alone"
     (c,) = writers
     if why := _why_unsuited(facts, c, at):
         return c.name, why
-    shown = _shown_topics(facts)
+    shown = _topics_showing_view(facts)
     for index in shown:
-        if [w.index for w in _writers(facts, index)] != [c.index]:
+        if [w.index for w in _components_that_publish(facts, index)] != [c.index]:
             name = facts.flying.topics[index].name
             return c.name, f"{name}, which shows the view, is not published by {c.name} alone"
     paths = list(dict.fromkeys(_paths_read(link.value, topic)))
@@ -88,8 +88,8 @@ def why_jumps_not_shown(
 # ---------------------------------------------------------------- who publishes
 
 
-def _topic_index(facts: Facts, topic: typed.TopicSymbol) -> int:
-    """The number of the running topic that a name in the map means; -1 if none, or several."""
+def _index_of_running_topic(facts: Facts, topic: typed.TopicSymbol) -> int:
+    """The number of the running topic that a name in the map means; -1 for none, or several."""
     flat_ = facts.flying
     scopes = [c.scope for c in flat_.components] + [m.scope for m in flat_.modules]
     indices = {s.topics[topic] for s in scopes if topic in s.topics}
@@ -97,8 +97,7 @@ def _topic_index(facts: Facts, topic: typed.TopicSymbol) -> int:
     return indices.pop() if len(indices) == 1 and made == indices else -1
 
 
-def _writers(facts: Facts, index: int) -> list[Component]:
-    """The nodes, controllers and plants that may publish a topic."""
+def _components_that_publish(facts: Facts, index: int) -> list[Component]:
     return [c for c in facts.flying.components if index in c.writes]
 
 
@@ -127,7 +126,7 @@ def _why_unsuited(facts: Facts, c: Component, index: int) -> str:
     return ""
 
 
-def _shown_topics(facts: Facts) -> list[int]:
+def _topics_showing_view(facts: Facts) -> list[int]:
     """The running topics that plants of the view drive and that the decision module or SC reads."""
     module = facts.flying_module
     scopes = (module.scope.topics, facts.flying.components[module.sc].scope.topics)
@@ -155,10 +154,10 @@ def _paths_read(e: object, topic: typed.TopicSymbol, path: Path = ()) -> Iterato
 
 @dataclass
 class _Step:
-    """One step's effects: locals after it, topics as (whether published, value), fault, reads."""
+    """The effects of a step: locals after it, topic -> (whether published, value), fault, reads."""
 
     behind: tuple[Term, ...]
-    said: dict[int, tuple[Term, Term]]
+    published: dict[int, tuple[Term, Term]]
     fault: Term
     read: dict[int, Term]
 
@@ -172,7 +171,7 @@ class _Steps:
         self.known: list[Term] = []
 
     def why_step_fails(self, index: int, paths: Sequence[Path], shown: Sequence[int]) -> str:
-        """Why a step may change a topic where it must not; "" where no step does."""
+        """Why a step may change a topic where it must not; "" where no step does so."""
         node, topic = self.c.node, self.facts.flying.topics[index]
         assert node is not None
         anything = [unknown_value(v.type, v.name, self.known) for v in node.locals]
@@ -182,10 +181,10 @@ class _Steps:
         before = self._run_step(anything)
         for text, last, fault, step in (
             ("the first step", (True, default), False, self._run_step(initial)),
-            ("a step", before.said.get(index), before.fault, self._run_step(before.behind)),
+            ("a step", before.published.get(index), before.fault, self._run_step(before.behind)),
         ):
             bad = self._is_wrong_step(topic, paths, shown, last, step)
-            if not self._is_impossible(both(negation(fault), bad)):
+            if not self._is_unsatisfiable(and_of(negation(fault), bad)):
                 return (
                     f"{text} of {self.c.name} may change it where `enters` does not hold, or "
                     "without showing it to DM and SC"
@@ -200,19 +199,19 @@ class _Steps:
         last: tuple[Term, Term] | None,
         step: _Step,
     ) -> Term:
-        """The term that a step publishes another value than the last step, where it must not."""
-        if topic.index not in step.said:
+        """The term that a step publishes another value than the last one did, where it must not."""
+        if topic.index not in step.published:
             return False
-        says, value = step.said[topic.index]
+        is_published, value = step.published[topic.index]
         old = unknown_value(topic.type, "before", self.known)
         if last is not None:
             old = choose(last[0], last[1], old)
         same = [_is_same_part(value, old, topic.type, p) for p in paths]
-        shows = [step.said[i][0] if i in step.said else False for i in shown]
-        good = one_of(both(*same), both(self._enters_term(step), *shows))
-        return both(negation(step.fault), says, negation(good))
+        shows = [step.published[i][0] if i in step.published else False for i in shown]
+        good = or_of(and_of(*same), and_of(self._enters_term(step), *shows))
+        return and_of(negation(step.fault), is_published, negation(good))
 
-    def _is_impossible(self, truth: Term) -> bool:
+    def _is_unsatisfiable(self, truth: Term) -> bool:
         solver = z3.Solver()
         solver.set("rlimit", WORK)
         solver.set("timeout", PATIENCE_MS)
@@ -245,24 +244,23 @@ class _Steps:
         reading = SolverReading(sight, deep=True)
         behind, published = reading.run_step(self.c.node, before)
         out = {self.c.scope.topics[t]: value for t, value in published.items()}
-        return _Step(behind, out, one_of(reading.operations.fault, reading.operations.doubt), read)
+        return _Step(behind, out, or_of(reading.operations.fault, reading.operations.doubt), read)
 
     def _enters_term(self, step: _Step) -> Term:
         """The term that `enters` holds of what a step reads and publishes, without a fault."""
         enters = self.whole.verify.enters
         assert enters is not None
         seen = dict(step.read)
-        for i, (says, value) in step.said.items():
+        for i, (is_published, value) in step.published.items():
             t = self.facts.flying.topics[i].type
-            seen[i] = choose(says, value, unknown_value(t, "before", self.known))
+            seen[i] = choose(is_published, value, unknown_value(t, "before", self.known))
         scope = self.facts.flying_module.scope
         sight = self._visible_values(scope, seen, unknown_value(MODE, "mode", self.known))
         value, fault = SolverReading(sight, deep=True).truth_and_fault(enters)
-        return both(value, negation(fault))
+        return and_of(value, negation(fault))
 
 
 def _is_same_part(a: Term, b: Term, t: Type, path: Path) -> Term:
-    """The term that a part of two values of a type is the same."""
     for k in path:
         a, b, t = a[k], b[k], part_type(t, k)
-    return both(*(x == y for x, y in zip(leaf_terms(a), leaf_terms(b), strict=True)))
+    return and_of(*(x == y for x, y in zip(leaf_terms(a), leaf_terms(b), strict=True)))

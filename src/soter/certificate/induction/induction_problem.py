@@ -1,4 +1,4 @@
-"""The problem of an induction, read again, and its executions: steps, each on the state before.
+"""Reads the problem of an induction again, and runs its executions step by step.
 
 Purpose: `read_induction` reads `InductionFacts` off the checked program, by other code than the
 prover's; `compare_entry` holds the certificate against them. A `TransitionSystem` runs the instants
@@ -22,12 +22,12 @@ from soter.certificate.extras.thread_times import first_delayed_in_thread
 from soter.certificate.induction.solver_steps import SolverReading, VisibleValues
 from soter.certificate.induction.solver_values import (
     Elapsed,
+    and_of,
     as_term,
-    both,
     choose,
     is_exact,
     negation,
-    one_of,
+    or_of,
     unknown_value,
     value_as_terms,
     within_bounds,
@@ -106,7 +106,7 @@ def read_induction(flat: System, name: str) -> InductionFacts:
 
 
 def _enter_actors(facts: InductionFacts) -> None:
-    """Enters as actors DM, AC, SC, and each node whose topics are read and that can be followed."""
+    """Makes actors of DM, AC, SC, and of nodes that can be followed and whose topics are read."""
     flat, module, symbol = facts.flying, facts.flying_module, facts.symbol
     facts.actors = [flat.components[i] for i in (module.dm, module.ac, module.sc)]
     scope = module.scope.topics
@@ -156,7 +156,7 @@ def modes_of_others(facts: InductionFacts) -> list[str]:
     return [flat.modules[i].name for i in sorted(read - {module.index})]
 
 
-def _lacks_times(facts: InductionFacts, *groups: Iterable[str]) -> bool:
+def _is_a_time_undeclared(facts: InductionFacts, *groups: Iterable[str]) -> bool:
     """Whether the program declares no lateness, or no response, of an AC or a node."""
     for c in facts.actors:
         names = {c.name, c.name.rpartition(".")[2], c.node.name if c.node else c.name}
@@ -179,14 +179,14 @@ def _check_times(facts: InductionFacts) -> None:
         raise NotRecheckedError(f"releases that are late (`jitter`), and with them `{who}`")
     if any(c.takes_ns is not None for c in facts.actors):
         raise NotRecheckedError("steps that are late, or take time: not rechecked yet")
-    facts.undeclared |= _lacks_times(facts, verify.late_of, verify.response_of)
+    facts.undeclared |= _is_a_time_undeclared(facts, verify.late_of, verify.response_of)
 
 
 # ---------------------------------------------------------------- the certificate
 
 
 def _leave_out_nodes(facts: InductionFacts, followed: object) -> None:
-    """Leaves out nodes beside the module that a certificate does without.
+    """Leaves out the nodes beside the module that a certificate does not follow (`followed`).
 
     Their topics may then hold any value of their sets at any time: more executions are shown safe.
     """
@@ -228,7 +228,7 @@ and "latched"; "mode"; and "faulted": whether some step did."""
 
 @dataclass(frozen=True)
 class Instant:
-    """The end of an instant: when, and what holds then; `always`: `safe` until the next instant."""
+    """The end of an instant: its time, what holds, and `always`: `safe` until the next instant."""
 
     at: int
     holds: Term
@@ -237,7 +237,7 @@ class Instant:
 
 @dataclass(frozen=True)
 class Decision:
-    """A step of the DM, if it is its turn then: whether SC keeps control, AC gets or keeps it."""
+    """A step of the DM: if it is its turn, whether SC keeps control, or AC gets or keeps it."""
 
     at: int
     turn: Term
@@ -249,7 +249,7 @@ class Decision:
 def actors_due(
     facts: InductionFacts, end: int, *, first: bool = False
 ) -> dict[int, list[Component]]:
-    """Time -> the actors due then, before `end`; `first`: from a run's start, or later on."""
+    """Time -> the actors released then, before `end` ns; with `first` none before its phase."""
     components_by_time: dict[int, list[Component]] = {}
     for c in facts.actors:
         for at in range(c.phase_ns if first else c.phase_ns % c.period_ns, end, c.period_ns):
@@ -258,7 +258,7 @@ def actors_due(
 
 
 class TransitionSystem:
-    """Runs the instants in [begin, end): from the first values, or after any state."""
+    """Runs the instants in [begin, end), from initial values (`first`) or from any state."""
 
     def __init__(
         self, facts: InductionFacts, *, first: bool, fresh: bool = False, begin: int = 0
@@ -284,7 +284,7 @@ class TransitionSystem:
                 state["topic", i] = value_as_terms(topic.type, topic.default, known)
                 state["stamp", i] = UNPUBLISHED
                 continue
-            state["topic", i] = self._any_value(i)
+            state["topic", i] = self._any_topic_value(i)
             state["stamp", i] = z3.FreshInt("stamp")
             known.append(state["stamp", i] < self.begin)
         for c in facts.actors:
@@ -299,8 +299,7 @@ class TransitionSystem:
             state["latched", c.index] = z3.FreshBool("latched") if free else False
         return state
 
-    def _any_value(self, i: int) -> Term:
-        """An unknown value of the set of a topic."""
+    def _any_topic_value(self, i: int) -> Term:
         topic = self.facts.flying.topics[i]
         value = unknown_value(topic.type, topic.name, self.constraints)
         self.constraints.append(within_bounds(value, topic.type, topic.bounds))
@@ -314,13 +313,13 @@ class TransitionSystem:
         calendar = actors_due(self.facts, end + longest, first=self.first)
         times = sorted(calendar)
         if self.first:
-            self._check_time_before_first(times[0])
+            self._record_time_before_first(times[0])
         for at, following in pairwise(times):
             if self.begin <= at < end:
                 self._step_at_instant(at, calendar[at], following)
 
-    def _check_time_before_first(self, first: int) -> None:
-        """Records the time before `first` as an instant, if others than actors may step in it."""
+    def _record_time_before_first(self, first: int) -> None:
+        """Records the time before `first` ns as an instant, if anybody else may step in it."""
         others = [c.phase_ns for c in self.facts.flying.components]
         others += [0 for _ in self.facts.flying.inputs]
         if min(others) < first:
@@ -338,15 +337,15 @@ class TransitionSystem:
             for n, c in enumerate(due[1:], 1):
                 one = self._state_after(c, at, who == n)
                 after = {k: choose(who == n, x, after[k]) for k, x in one.items()}
-            self.now = {k: self._name_parts(v) for k, v in after.items()}
+            self.now = {k: self._with_named_parts(v) for k, v in after.items()}
         if len(turns) > 1:
             self.constraints.append(z3.Distinct(*turns))
         self._record_instant(at, following)
 
-    def _name_parts(self, value: Term) -> Term:
-        """Gives each part of a state that is no constant yet a name, so that terms stay small."""
+    def _with_named_parts(self, value: Term) -> Term:
+        """The parts of a state, named by constants unless they are known: so terms stay small."""
         if isinstance(value, tuple):
-            return tuple(self._name_parts(v) for v in value)
+            return tuple(self._with_named_parts(v) for v in value)
         value = as_term(value) if isinstance(value, Elapsed) else value
         if is_known(value) or z3.is_const(value):
             return value
@@ -358,10 +357,10 @@ class TransitionSystem:
 
     def _state_after(self, c: Component, at: int, turn: Term) -> State:
         if c.role == "dm":
-            return self._step_of_dm(at, turn)
+            return self._state_after_dm(at, turn)
         if c.role == "ac":
-            return self._step_of_ac(c, at, self.now["mode"] == IN_AC)
-        return self._step_of_code(c, at, c.role != "sc" or self.now["mode"] == IN_SC)
+            return self._state_after_ac(c, at, self.now["mode"] == IN_AC)
+        return self._state_after_code(c, at, c.role != "sc" or self.now["mode"] == IN_SC)
 
     def _visible_values(self, c: Component, at: Term, on: Term) -> VisibleValues:
         now, flying = self.now, self.facts.flying
@@ -371,7 +370,7 @@ class TransitionSystem:
                 return now["topic", i]
             of = flying.topics[i]
             if of.queue_of is None:
-                return self._any_value(i)
+                return self._any_topic_value(i)
             return unknown_value(of.type, of.name, self.constraints)
 
         def age(i: int) -> Term:
@@ -386,7 +385,7 @@ class TransitionSystem:
         index = self.facts.flying_module.index
         return VisibleValues(c.scope, topic, age, now["mode"], index, on, self.constraints)
 
-    def _step_of_dm(self, at: int, turn: Term) -> State:
+    def _state_after_dm(self, at: int, turn: Term) -> State:
         dm, symbol, module = self.facts.dm, self.facts.symbol, self.facts.flying_module
         assert symbol.ttf is not None
         assert symbol.safer is not None
@@ -395,56 +394,56 @@ class TransitionSystem:
         ttf, unsure = SolverReading(sight, looked_at=looked_at).truth_and_fault(symbol.ttf)
         safer, doubtful = SolverReading(sight, looked_at=looked_at).truth_and_fault(symbol.safer)
         limits = [(i, self.facts.flying.topics[i].max_age_ns) for i in module.inputs]
-        old = one_of(*(sight.age(i) > limit for i, limit in limits if limit is not None))
+        old = or_of(*(sight.age(i) > limit for i, limit in limits if limit is not None))
         refused, owed = z3.FreshBool("refused"), z3.FreshBool("owed")
         if self.fresh:
             self.constraints += [z3.Not(refused), z3.Not(owed), negation(old)]
-        stay = negation(one_of(ttf, unsure, old, refused))
-        get = both(safer, negation(doubtful), negation(old), negation(owed))
+        stay = negation(or_of(ttf, unsure, old, refused))
+        get = and_of(safer, negation(doubtful), negation(old), negation(owed))
         had = self.now["mode"]
         mode = choose(choose(had == IN_AC, stay, get), IN_AC, IN_SC)
         ways = ((IN_SC, IN_SC), (IN_SC, IN_AC), (IN_AC, IN_AC))
-        self.decisions.append(Decision(at, turn, *(both(had == a, mode == b) for a, b in ways)))
+        self.decisions.append(Decision(at, turn, *(and_of(had == a, mode == b) for a, b in ways)))
         return {**self.now, "mode": mode}
 
-    def _step_of_ac(self, c: Component, at: int, on: Term) -> State:
+    def _state_after_ac(self, c: Component, at: int, on: Term) -> State:
         """The state after a step of AC, which may publish any value of a topic, or none."""
         assert c.node is not None
         after = dict(self.now)
         for symbol in c.node.publishes:
             i = c.scope.topics[symbol]
-            _publish(after, i, both(on, z3.FreshBool("published")), self._any_value(i), at)
+            _publish(after, i, and_of(on, z3.FreshBool("published")), self._any_topic_value(i), at)
         return after
 
-    def _step_of_code(self, c: Component, at: int, on: Term) -> State:
+    def _state_after_code(self, c: Component, at: int, on: Term) -> State:
         """The state after a step of SC or a node, by its statements."""
         now, flying, node = self.now, self.facts.flying, c.node
         assert node is not None
         reading = SolverReading(self._visible_values(c, at, on))
         before = now["locals", c.index]
-        taken = both(on, negation(now["had", c.index]))
+        taken = and_of(on, negation(now["had", c.index]))
         behind, published = reading.run_step(node, before, taken)
         fault, doubt = reading.operations.fault, reading.operations.doubt
         for symbol, (flag, value) in published.items():
             topic = flying.topics[c.scope.topics[symbol]]
-            refused = both(flag, negation(within_bounds(value, topic.type, topic.bounds)))
+            refused = and_of(flag, negation(within_bounds(value, topic.type, topic.bounds)))
             if is_exact(topic.type):
-                fault = one_of(fault, refused)
+                fault = or_of(fault, refused)
             else:
-                doubt = one_of(doubt, refused)
+                doubt = or_of(doubt, refused)
         if any(flying.topics[c.scope.topics[s.topic]].policy == "fault" for s in node.subscribes):
-            fault = one_of(fault, z3.FreshBool("lost"))
+            fault = or_of(fault, z3.FreshBool("lost"))
         latched = now["latched", c.index]
-        gone = one_of(latched, fault, doubt) if self.tolerant else False
+        gone = or_of(latched, fault, doubt) if self.tolerant else False
         after = dict(now)
-        after["faulted"] = one_of(now["faulted"], fault, False if self.tolerant else doubt)
+        after["faulted"] = or_of(now["faulted"], fault, False if self.tolerant else doubt)
         for symbol in node.publishes:
             i = c.scope.topics[symbol]
             flag, value = published.get(symbol, (False, after["topic", i]))
             if i in c.failsafe:
                 fallback = value_as_terms(flying.topics[i].type, c.failsafe[i], self.constraints)
                 value = choose(gone, fallback, value)
-            _publish(after, i, both(on, choose(gone, i in c.failsafe, flag)), value, at)
+            _publish(after, i, and_of(on, choose(gone, i in c.failsafe, flag)), value, at)
         after["locals", c.index] = choose(gone, before, behind)
         after["had", c.index] = choose(gone, now["had", c.index], on)
         after["latched", c.index] = gone
@@ -457,7 +456,7 @@ class TransitionSystem:
 
         def holds(e: typed.TypedExpr, now: Term) -> Term:
             value, fault = SolverReading(self._visible_values(dm, now, on=True)).truth_and_fault(e)
-            return both(value, negation(fault))
+            return and_of(value, negation(fault))
 
         safe = holds(symbol.safe, at)
         lemmas = [holds(e, at) for e in symbol.verify.lemmas]
@@ -465,8 +464,8 @@ class TransitionSystem:
         if any(isinstance(n, typed.AgeRead) for n in parts_of([symbol.safe])):
             later = z3.FreshInt("later")
             self.constraints.append(z3.And(later >= at, later < following))
-            always = both(safe, holds(symbol.safe, later))
-        every = both(negation(self.now["faulted"]), safe, *lemmas)
+            always = and_of(safe, holds(symbol.safe, later))
+        every = and_of(negation(self.now["faulted"]), safe, *lemmas)
         self.instants.append(Instant(at, every, always))
 
 

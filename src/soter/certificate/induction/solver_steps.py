@@ -22,14 +22,14 @@ from soter.certificate.induction.solver_values import (
     OPAQUE,
     SMALLEST,
     Elapsed,
+    and_of,
     as_term,
-    both,
     calls_extern,
     choose,
-    element,
+    element_at,
     element_count,
     negation,
-    one_of,
+    or_of,
     part_types,
     reads_body,
     unknown_value,
@@ -38,7 +38,7 @@ from soter.certificate.induction.solver_values import (
 )
 from soter.certificate.reading.symbolic_operations import BUILTINS, COMPARED, FLOATS, INTS
 from soter.certificate.reading.symbolic_reading import CallFrame, CodeReader, part_type
-from soter.certificate.reading.symbolic_values import in_range, is_known, scalar_leaves
+from soter.certificate.reading.symbolic_values import index_in_range, is_known, scalar_leaves
 from soter.certificate.report import NotRecheckedError
 from soter.language.evaluate import arithmetic
 from soter.language.evaluate.arithmetic import StepFault
@@ -57,9 +57,9 @@ Term = Any
 
 
 class SolverOperations:
-    """The operators of the language over the solver's terms; known facts of these go to `facts`."""
+    """The operators over terms of the solver; what is known of new terms goes to `facts`."""
 
-    negation, both, one_of = staticmethod(negation), staticmethod(both), staticmethod(one_of)
+    negation, and_of, or_of = staticmethod(negation), staticmethod(and_of), staticmethod(or_of)
 
     def __init__(self, facts: list[Term]) -> None:
         self.facts = facts
@@ -71,13 +71,13 @@ class SolverOperations:
 
     def add_obligation(self, truth: Term) -> None:
         """Notes that the step faults where the code being read runs and `truth` does not hold."""
-        self.fault = one_of(self.fault, both(self.path, negation(truth)))
+        self.fault = or_of(self.fault, and_of(self.path, negation(truth)))
 
     def add_doubt(self, doubt: Term) -> None:
         """Notes that the step may fault where the code being read runs and `doubt` holds."""
-        self.doubt = one_of(self.doubt, both(self.path, doubt))
+        self.doubt = or_of(self.doubt, and_of(self.path, doubt))
 
-    def join(self, of: Type, c: Term, a: Term, b: Term) -> Term:
+    def choice_of(self, of: Type, c: Term, a: Term, b: Term) -> Term:
         """The term `c ? a : b`."""
         return choose(c, value_as_terms(of, a, self.facts), value_as_terms(of, b, self.facts))
 
@@ -93,9 +93,9 @@ class SolverOperations:
     def compare(self, op: str, a: Term, b: Term) -> Term:
         """Whether `a op b` holds of two scalars."""
         if isinstance(a, Elapsed) and isinstance(b, float):
-            return compare_age(op, a.ns, b)
+            return age_comparison(op, a.ns, b)
         if isinstance(a, float) and isinstance(b, Elapsed):
-            return compare_age(op.translate(str.maketrans("<>", "><")), b.ns, a)
+            return age_comparison(op.translate(str.maketrans("<>", "><")), b.ns, a)
         if (is_float(a) or is_float(b)) and not (is_known(a) and is_known(b)):
             return float_operation(op, a, b, z3.BoolSort())
         return COMPARED[op](a, b)
@@ -111,7 +111,7 @@ class SolverOperations:
         if op in "/%":
             return self._divide(op, a, b)
         value = a + b if op == "+" else a - b if op == "-" else a * b
-        self.add_obligation(both(value >= SMALLEST, value <= LARGEST))
+        self.add_obligation(and_of(value >= SMALLEST, value <= LARGEST))
         return value
 
     def _divide(self, op: str, a: Term, b: Term) -> Term:
@@ -144,11 +144,11 @@ class SolverOperations:
             raise NotRecheckedError(f"`{name}` outside of a function")
         return unread_result(f"built in {name}", [x], FloatType(), self.facts)
 
-    def narrow(self, x: Term, low: int, high: int) -> Term:
+    def demand_between(self, x: Term, low: int, high: int) -> Term:
         """`x`, where the step faults unless it lies between `low` and `high`."""
         if is_known(x):
             return arithmetic.require_in_range(x, low, high)
-        self.add_obligation(both(x >= low, x <= high))
+        self.add_obligation(and_of(x >= low, x <= high))
         return x
 
 
@@ -172,20 +172,20 @@ def is_nan(x: Term) -> Term:
 # ---------------------------------------------------------------- ages
 
 
-def compare_age(op: str, ns: Term, limit: float) -> Term:
-    """`float(ns) / 1e9 op limit`, by the least whole ns that reach, and that exceed, `limit`."""
+def age_comparison(op: str, ns: Term, limit: float) -> Term:
+    """The term `float(ns) / 1e9 op limit`, by the least whole ns that reach, or exceed, `limit`."""
     if limit != limit:  # noqa: PLR0124 - NaN
         return op == "!="
-    least = _least_true(lambda n: n / 1e9 >= limit)
-    beyond = _least_true(lambda n: n / 1e9 > limit)
+    least = _least_number_where(lambda n: n / 1e9 >= limit)
+    beyond = _least_number_where(lambda n: n / 1e9 > limit)
     if op in ("==", "!="):
-        equal = both(ns >= least, ns < beyond)
+        equal = and_of(ns >= least, ns < beyond)
         return equal if op == "==" else negation(equal)
     return {"<": ns < least, ">=": ns >= least, "<=": ns < beyond, ">": ns >= beyond}[op]
 
 
-def _least_true(holds: Callable[[int], bool]) -> int:
-    """The smallest n from which on `holds` is true; larger than any age if it never is."""
+def _least_number_where(holds: Callable[[int], bool]) -> int:
+    """The smallest n from which on `holds` is true; above any age if it never is."""
     return bisect_left(range(LARGEST), x=True, hi=LARGEST, key=holds)
 
 
@@ -226,22 +226,22 @@ class SolverReading(CodeReader):
         super().__init__(self.operations, sight.scope.params)
 
     def truth_and_fault(self, e: typed.TypedExpr) -> tuple[Term, Term]:
-        """The terms that a predicate holds, and that it faults; NotRecheckedError as `value`."""
-        _, value = self.attempt(True, lambda: self.evaluate(e))
-        return (False if value is None else value), one_of(
+        """The terms that a predicate holds, and that it faults; NotRecheckedError as `value_of`."""
+        _, value = self.run_under(True, lambda: self.evaluate(e))
+        return (False if value is None else value), or_of(
             self.operations.fault, self.operations.doubt
         )
 
     def run_step(
         self, node: typed.NodeSymbol, before: Sequence[Term], taken: Term = False
     ) -> tuple[tuple[Term, ...], Published]:
-        """The locals behind a step, and topic -> (whether it is published, its value).
+        """(the locals after a step, topic -> (whether it is published, its value)).
 
-        `taken`: control was taken over just now. NotRecheckedError as `value`.
+        `taken`: whether control was taken over just now. NotRecheckedError as `value_of`.
         """
         frame, facts = CallFrame(dict(zip(node.locals, before, strict=True))), self.sight.facts
-        self.attempt(True, lambda: self.run_branch(taken, node.takeover or (), (), frame))
-        self.attempt(True, lambda: self.run_block(node.step, frame))
+        self.run_under(True, lambda: self.run_branch(taken, node.takeover or (), (), frame))
+        self.run_under(True, lambda: self.run_block(node.step, frame))
         out = {
             t: (says, value_as_terms(t.type, x, facts)) for t, (says, x) in frame.published.items()
         }
@@ -260,7 +260,7 @@ class SolverReading(CodeReader):
         return sight.others[index]
 
     def _choice_value(self, e: typed.TypedChoose, frame: CallFrame) -> Term:
-        options = [self.value(o, frame) for o in e.options]
+        options = [self.value_of(o, frame) for o in e.options]
         if e.ages is not None:
             raise NotRecheckedError("a fair choice")
         if not options and isinstance(e.type, BoolType):
@@ -270,15 +270,15 @@ class SolverReading(CodeReader):
         self.sight.facts.append(z3.And(number >= low, number < low + e.count))
         choice = options[0] if options else number
         for k, option in enumerate(options[1:], 1):
-            choice = self.operations.join(e.type, number == k, option, choice)
+            choice = self.operations.choice_of(e.type, number == k, option, choice)
         return choice
 
     def operand(self, e: typed.TypedExpr, frame: CallFrame) -> Term:
-        """The value of an operand; its comparison faults if it is `looked_at` and NaN."""
-        value = self.value(e, frame)
+        """The value of an operand, with the doubt that it is NaN if it is in `looked_at`."""
+        value = self.value_of(e, frame)
         if e in self.looked_at and not isinstance(value, Elapsed):
             self.operations.add_doubt(
-                one_of(*(is_nan(x) for x in scalar_leaves(value) if is_float(x)))
+                or_of(*(is_nan(x) for x in scalar_leaves(value) if is_float(x)))
             )
         return value
 
@@ -291,20 +291,20 @@ class SolverReading(CodeReader):
         return value
 
     def _length_value(self, e: typed.TypedLength, frame: CallFrame) -> Term:
-        value = self.value(e.target, frame)
+        value = self.value_of(e.target, frame)
         if isinstance(value, tuple):
             return len(value)
         return element_count(value, e.target.type, self.sight.facts)
 
     def _element_value(self, e: typed.Index, frame: CallFrame) -> Term:
-        sequence, at = self.value(e.target, frame), self.value(e.index, frame)
+        sequence, at = self.value_of(e.target, frame), self.value_of(e.index, frame)
         if isinstance(sequence, tuple) and isinstance(at, int):
-            return sequence[in_range(at, len(sequence))]
+            return sequence[index_in_range(at, len(sequence))]
         of, facts = e.target.type, self.sight.facts
         assert isinstance(of, (ListType, ArrayType))
         sequence = value_as_terms(of, sequence, facts)
-        self.operations.add_obligation(both(at >= 0, at < element_count(sequence, of, facts)))
-        return element(sequence, at, of, facts)
+        self.operations.add_obligation(and_of(at >= 0, at < element_count(sequence, of, facts)))
+        return element_at(sequence, at, of, facts)
 
     def replace_part(self, of: Type, whole: Term, keys: Sequence[Term], new: Term) -> Term:
         """The value with the part at these indices replaced; an index out of range is a fault.
@@ -316,13 +316,13 @@ class SolverReading(CodeReader):
         if not keys or isinstance(keys[0], int):
             return super().replace_part(of, whole, keys, new)
         at, rest = keys[0], keys[1:]
-        self.operations.add_obligation(both(at >= 0, at < len(whole)))
+        self.operations.add_obligation(and_of(at >= 0, at < len(whole)))
         parts = []
         for k, part in enumerate(whole):
-            inner, path = part_type(of, k), both(self.operations.path, at == k)
-            other = self.attempt(path, partial(self.replace_part, inner, part, rest, new))[1]
+            inner, path = part_type(of, k), and_of(self.operations.path, at == k)
+            other = self.run_under(path, partial(self.replace_part, inner, part, rest, new))[1]
             parts.append(
-                part if other is None else self.operations.join(inner, at == k, other, part)
+                part if other is None else self.operations.choice_of(inner, at == k, other, part)
             )
         return tuple(parts)
 
@@ -331,7 +331,7 @@ class SolverReading(CodeReader):
     def result_of_call(self, fun: typed.FunSymbol, arguments: Sequence[Term]) -> Term:
         """The result of a call; an unread function gives equal results for equal arguments.
 
-        NotRecheckedError where that is not so, as the function calls extern functions.
+        NotRecheckedError where it calls extern functions, of which that is not so.
         """
         if calls_extern(fun):
             raise NotRecheckedError(f"`{fun.name}` is an extern function, or asks one")

@@ -72,14 +72,14 @@ def part_types(t: Type) -> tuple[Type, ...] | None:
 
 
 def is_exact(t: Type) -> bool:
-    """Whether all parts of a value of this type are exact."""
+    """Whether the solver has values of this type exactly: all parts are truths or whole numbers."""
     parts = part_types(t)
     return is_discrete(t) if parts is None else all(is_exact(p) for p in parts)
 
 
 @lru_cache(maxsize=1_000)
 def reads_body(fun: typed.FunSymbol, *, deep: bool) -> bool:
-    """Whether a function is read wherever it is called; others only where all arguments are known.
+    """Whether a function's body is read at every call; else only where all arguments are known.
 
     A body is read if it is exact, or if it is short and only combines results of other calls.
     `deep`, where two readings are compared: also a single expression that calls other functions on
@@ -132,7 +132,7 @@ class Elapsed:
 # ---------------------------------------------------------------- truths
 
 
-def both(*truths: Term) -> Term:
+def and_of(*truths: Term) -> Term:
     """The truth that all truths hold."""
     left = [x for x in truths if x is not True]
     if any(x is False for x in left):
@@ -140,7 +140,7 @@ def both(*truths: Term) -> Term:
     return z3.And(*left) if len(left) > 1 else left[0] if left else True
 
 
-def one_of(*truths: Term) -> Term:
+def or_of(*truths: Term) -> Term:
     """The truth that one of the truths holds."""
     left = [x for x in truths if x is not False]
     if any(x is True for x in left):
@@ -183,7 +183,7 @@ def integer_range(t: Type) -> tuple[int, int]:
 
 
 def value_as_terms(t: Type, value: Term, facts: list[Term]) -> Term:
-    """A value, with one term where its type has no parts; `facts` get what its elements are."""
+    """A value as terms, one for each part that has no parts; `facts` get what its elements are."""
     parts = part_types(t)
     if parts is not None:
         return tuple(value_as_terms(p, v, facts) for p, v in zip(parts, value, strict=True))
@@ -193,7 +193,7 @@ def value_as_terms(t: Type, value: Term, facts: list[Term]) -> Term:
     if isinstance(t, (ListType, ArrayType)) and len(value) <= ELEMENTS_MAX:
         facts.append(element_count(whole, t, facts) == len(value))
         for k, v in enumerate(value):
-            item, part = element(whole, k, t, facts), value_as_terms(t.element, v, facts)
+            item, part = element_at(whole, k, t, facts), value_as_terms(t.element, v, facts)
             facts += [a == b for a, b in zip(leaf_terms(item), leaf_terms(part), strict=True)]
     return whole
 
@@ -232,7 +232,7 @@ def choose(c: Term, a: Term, b: Term) -> Term:
 
 
 def within_bounds(value: Term, t: Type, bounds: Sequence[Bound | None]) -> Term:
-    """The term that a value lies within the bounds of a topic, and so may be published."""
+    """The term that a value may be published on a topic: it lies within its bounds and its type."""
     parts = part_types(t)
     if parts is not None:
         conditions, at = [], 0
@@ -240,14 +240,14 @@ def within_bounds(value: Term, t: Type, bounds: Sequence[Bound | None]) -> Term:
             count = sum(1 for _ in leaves(p))
             conditions.append(within_bounds(v, p, bounds[at : at + count]))
             at += count
-        return both(*conditions)
+        return and_of(*conditions)
     if isinstance(t, (BoolType, EnumType)):
         return True
     if is_discrete(t):
         low, high = integer_range(t)
         if bounds and bounds[0] is not None:
             low, high = max(low, ceil(bounds[0].low)), min(high, floor(bounds[0].high))
-        return both(value >= low, value <= high)
+        return and_of(value >= low, value <= high)
     ranges = [None if b is None else (b.low, b.high) for b in bounds]
     if isinstance(value, float):
         limits = ranges[0] or (float("-inf"), float("inf"))
@@ -259,7 +259,7 @@ def within_bounds(value: Term, t: Type, bounds: Sequence[Bound | None]) -> Term:
 
 
 def unread_result(name: str, values: Sequence[Term], t: Type, facts: list[Term]) -> Term:
-    """The unknown result of a function, equal for equal `values`; `facts` get its type's range."""
+    """A function's unknown result, the same for the same `values`; `facts` get its type's range."""
     parts = part_types(t)
     if parts is not None:
         return tuple(unread_result(f"{name}.{k}", values, p, facts) for k, p in enumerate(parts))
@@ -280,7 +280,7 @@ def element_count(sequence: Term, t: Type, facts: list[Term]) -> Term:
     return size
 
 
-def element(sequence: Term, index: Term, t: ListType | ArrayType, facts: list[Term]) -> Term:
+def element_at(sequence: Term, index: Term, t: ListType | ArrayType, facts: list[Term]) -> Term:
     """The element of a list or an array at an index in range."""
     if not isinstance(sequence, tuple):
         return unread_result(f"element of {t!r}", [sequence, index], t.element, facts)

@@ -29,7 +29,7 @@ from soter.certificate.reading.symbolic_reading import Surroundings, SymbolicRea
 from soter.certificate.reading.symbolic_values import as_truth, scalar_leaves, value_of_leaves
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.linear_enclosures import ONE, exact, greatest_below
-from soter.certificate.terms.terms import TRUE, Linear, Proposition, Terms, both, negation
+from soter.certificate.terms.terms import TRUE, Linear, Proposition, Terms, and_of, negation
 from soter.language.evaluate.arithmetic import seconds
 from soter.language.model.tree_walk import topic_reads
 from soter.language.model.typed import TopicRead
@@ -107,8 +107,10 @@ class CaseModel:
                 variables[variable] = reader.evaluate(expr, variables)
         return variables
 
-    def topics(self, terms: Terms, states: Sequence[Linear], *, errors: bool) -> dict[int, Any]:
-        """Topic -> its value in these states, with the sensors' errors where `errors`.
+    def topic_terms(
+        self, terms: Terms, states: Sequence[Linear], *, errors: bool
+    ) -> dict[int, Any]:
+        """Topic -> its value in these states; with `errors`, the errors of sensors are added.
 
         Topics of others have any value of their sets. A topic that a plant copies from a command is
         missing; NotRecheckedError for one that a plant makes of a command otherwise.
@@ -133,7 +135,7 @@ class CaseModel:
             value_by_topic[index] = value
         for index in dict.fromkeys(x.owner for x in self.facts.others):
             if index not in value_by_topic:
-                parts = free_inputs(terms, (x for x in self.facts.others if x.owner == index))
+                parts = new_input_terms(terms, (x for x in self.facts.others if x.owner == index))
                 value_by_topic[index] = value_of_leaves(self.facts.system.topics[index].type, parts)
         return value_by_topic
 
@@ -142,22 +144,22 @@ class CaseModel:
         parts = scalar_leaves(value)
         for e in (e for e in self.facts.errors if e.owner == index):
             x = parts[e.leaf]
-            (error,) = free_inputs(terms, [e])
+            (error,) = new_input_terms(terms, [e])
             x = terms.constant(x) if isinstance(x, float) else x
-            parts[e.leaf] = terms.rounded(terms.add(x, error))
+            parts[e.leaf] = terms.rounded_term(terms.add(x, error))
         return value_of_leaves(self.facts.system.topics[index].type, parts)
 
     # ------------------------------------------------------------ SC and predicates
 
     def sc_commands(self, terms: Terms, states: Sequence[Linear]) -> list[Linear]:
-        """The terms of what SC publishes on a sample of these states, for any locals and modes.
+        """The terms of what SC publishes when it reads these states, for any locals and modes.
 
-        Obligations of the terms are those of SC's step, and that each command lies in its set.
+        Their obligations: SC's step does not fault, and each command lies in its set.
         NotRecheckedError where a step may publish no command.
         """
         sc = self.facts.sc
         assert sc.node is not None
-        values = self.topics(terms, states, errors=True)
+        values = self.topic_terms(terms, states, errors=True)
         known = {t: values[i] for t, i in sc.scope.topics.items() if i in values}
         with_modes = partial(step_of_sc, terms, sc, known)
         if sc.node.locals or reads_mode(sc.node.step):
@@ -170,11 +172,11 @@ class CaseModel:
             published = [with_modes({})({})]
         return [command_term(terms, control, published) for control in self.facts.controls]
 
-    def predicate(
+    def truth_of(
         self, terms: Terms, states: Sequence[Linear], expr: typed.TypedExpr, *, errors: bool
     ) -> Proposition:
         """A predicate of the module as a proposition, on true topics or on estimates (`errors`)."""
-        values = self.topics(terms, states, errors=errors)
+        values = self.topic_terms(terms, states, errors=errors)
         scope = self.facts.module.scope
         known = {t: values[i] for t, i in scope.topics.items() if i in values}
         modes = extras.sc_locals_and_modes.mode_inputs(terms, [expr]) if reads_mode([expr]) else {}
@@ -191,7 +193,7 @@ class CaseModel:
         declared set exactly where the value lies between the two numbers that are given here.
         """
         declared = self.facts.system.topics[topic]
-        parts = scalar_leaves(self.topics(terms, states, errors=False)[topic])
+        parts = scalar_leaves(self.topic_terms(terms, states, errors=False)[topic])
         measured = [m for c in self.facts.plants for m in c.measured if m.topic == topic]
         errors = {m.leaf: m.bound for m in measured}
         limits = []
@@ -206,13 +208,13 @@ class CaseModel:
 
     def topic_in_set(self, terms: Terms, states: Sequence[Linear], topic: int) -> Proposition:
         """The proposition that each estimate which a plant publishes on a topic is in its set."""
-        conjunction = TRUE
+        joined = TRUE
         for value, low, high in self.published_limits(terms, states, topic):
             short = value if low == 0.0 else terms.combine(((ONE, value),), -exact(low))
             below = terms.below_zero(short)
             beyond = terms.below_zero(terms.combine(((-ONE, value),), exact(high)))
-            conjunction = both(conjunction, both(negation(below), negation(beyond)))
-        return conjunction
+            joined = and_of(joined, and_of(negation(below), negation(beyond)))
+        return joined
 
     # ------------------------------------------------------------ plants in time
 
@@ -236,7 +238,7 @@ class CaseModel:
 
     def _others_inputs(self, terms: Terms, c: Component, topic: typed.TopicSymbol) -> list[Linear]:
         inputs = (x for x in self.facts.disturbances if x.of_others and x.owner == c.index)
-        return free_inputs(terms, (x for x in inputs if x.variable == topic.name))
+        return new_input_terms(terms, (x for x in inputs if x.variable == topic.name))
 
     def _rates_or_next(
         self,
@@ -247,7 +249,6 @@ class CaseModel:
         *,
         rounded: bool,
     ) -> tuple[list[Linear], list[Linear]]:
-        """The derivatives or next values of the `wanted` states, and the disturbances in them."""
         flow = self.facts.kind == "flow"
         members = {(s.owner, s.variable) for s in wanted}
         by_leaf: dict[tuple[int, str, int], Linear] = {}
@@ -306,7 +307,7 @@ def step_of_sc(
     modes: Mapping[Any, Any],
     claimed: Ranges = MappingProxyType({}),
 ) -> Callable[[Mapping[typed.Variable, Any]], dict[int, Any]]:
-    """Gives a function that reads one step of SC: from values of its locals to what it publishes.
+    """The function that reads a step of SC: from values of its locals to what it publishes.
 
     `claimed`: ranges in which step and `on takeover` are to leave floats, as obligations.
     """
@@ -324,9 +325,9 @@ def step_of_sc(
 
 
 def command_term(terms: Terms, control: Input, published: Sequence[Mapping[int, Any]]) -> Linear:
-    """The term of a command that any of these steps publishes; its set becomes an obligation.
+    """A term for the command that any of these steps publishes; its set becomes an obligation.
 
-    NotRecheckedError where one of them publishes none.
+    NotRecheckedError where a step publishes none.
     """
     alternatives = []
     for by_index in published:
@@ -346,17 +347,17 @@ def command_term(terms: Terms, control: Input, published: Sequence[Mapping[int, 
     return command
 
 
-def free_inputs(terms: Terms, inputs: Iterable[Input]) -> list[Linear]:
-    """New terms for inputs that may be anything in their ranges."""
+def new_input_terms(terms: Terms, inputs: Iterable[Input]) -> list[Linear]:
+    """New terms for inputs, each of which may be anything in its range."""
     return [terms.add_input("box", x.name, exact(x.low), exact(x.high)) for x in inputs]
 
 
-def control_inputs(facts: Facts, terms: Terms) -> list[Linear]:
+def new_command_terms(facts: Facts, terms: Terms) -> list[Linear]:
     """New terms for commands that may be anything in their sets."""
-    return free_inputs(terms, facts.controls)
+    return new_input_terms(terms, facts.controls)
 
 
-def other_ends(
+def ends_of_other_states(
     model: CaseModel, states: Sequence[Linear], members: Sequence[int]
 ) -> dict[int, tuple[arb, arb]]:
     """Atom -> the ends of its grid, for each state that is not in `members`."""

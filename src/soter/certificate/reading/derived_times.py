@@ -33,7 +33,7 @@ RELEASES_MAX = 200_000
 
 @dataclass(frozen=True)
 class Clock:
-    """A periodic activity: starts at most `late` after its release, publishes `response` later."""
+    """An activity that starts up to `late` after a release and publishes `response` later (ns)."""
 
     name: str
     period: int
@@ -51,11 +51,11 @@ class Clock:
         return max(self.phase, time + (self.phase - time) % self.period)
 
     def last_release(self, time: int) -> int:
-        """The last release at or before a time, as if there were releases before the first one."""
+        """The last release at or before a time, as if there were releases before `phase`."""
         return time - (time - self.phase) % self.period
 
     def times_at_phase(self, start: int, end: int, phase: int) -> range:
-        """The times in [start, end) that lie at `phase` in the period."""
+        """The times in [start, end) that lie `phase` after the beginning of a period."""
         return range(start + (phase - start) % self.period, end, self.period)
 
 
@@ -65,7 +65,7 @@ NOW = Clock("now", 1)
 
 @dataclass(frozen=True)
 class TopicPath:
-    """The way of a topic from a sensor straight to the module; longer ones have `node_paths.py`."""
+    """The way of a topic from a sensor straight to the module; `node_paths.py` has longer ones."""
 
     sensor: Clock
 
@@ -91,16 +91,16 @@ class TopicPath:
         yield end
 
     def longest_lag(self, silent: int) -> int:
-        """The longest time from a state to its publication, if the sensor is `silent` so long."""
+        """The longest time from a state to its publication; `silent`: how long sensors may be."""
         del silent  # it publishes nothing, and its stamp gets older
         return 0
 
     def certain_since(self, silent: int = 0) -> int:
-        """The time from which a read certainly shows a state, if the sensor is `silent` so long."""
+        """The time from which a read certainly shows a state; `silent`: how long sensors may be."""
         return self.sensor.phase + silent
 
     def may_publish_nothing(self, silent: int = 0) -> bool:
-        """Whether a fresh publication may show no state, but what a node makes of a default."""
+        """Whether a fresh publication may show only what a node makes of a default."""
         del silent
         return False
 
@@ -160,7 +160,7 @@ class TimingSetting:
     # ------------------------------------------------------------ SC
 
     def latest_start(self, release: int) -> int:
-        """The latest start of SC: late, or waiting for every DM that is due by its release.
+        """The latest start of SC at a release: late, or waiting for each DM that is due by then.
 
         Verdicts of earlier DMs are in force before the next one is due.
         """
@@ -181,13 +181,13 @@ class TimingSetting:
         published = start + self.sc.response
         return max(e.latest_action(published, at_once=published == release) for e in self.effects)
 
-    def steady_releases(self) -> Iterator[int]:
-        """Releases of SC over a hyperperiod, after everything has started."""
+    def settled_releases(self) -> Iterator[int]:
+        """The releases of SC in a hyperperiod after everything has started."""
         return releases_in_hyperperiod(self.sc, self.periods, after=self.settled_at)
 
     @cached_property
     def clocks(self) -> list[Clock]:
-        """The clock of everything that the times depend on, once for each way it lies on."""
+        """The clocks on which the times depend, each as often as it lies on a way."""
         ways: list[TopicPath | Effect] = [*self.effects]
         ways += [path for read in (*self.by_sc, *self.by_dm) for path in read.paths]
         return [self.dm, self.sc, *(c for way in ways for c in way.clocks)]
@@ -197,7 +197,7 @@ class TimingSetting:
         """A time from which on every release has its neighbours on both sides."""
         return sum(c.phase + 2 * c.period + c.max_delay for c in self.clocks)
 
-    def first_with_state(self, after: int, reads: Sequence[TopicReading]) -> int:
+    def release_with_state(self, after: int, reads: Sequence[TopicReading]) -> int:
         """SC's first release, not before `after`, at which these reads certainly show a state."""
         known = [p.certain_since(self.silent) for r in reads for p in r.paths]
         return self.sc.next_release(max([after, *known]))
@@ -238,9 +238,9 @@ def derive_times(setting: TimingSetting) -> DerivedTimes:
     age = age_sc = delay = jitter = 0
     stamps: dict[str, int] = {}
     if not setting.instants:
-        age = max((_enforced_age(setting, r) for r in setting.by_dm), default=0)
-        age_sc, delay, stamps = _answered_ages(setting)
-        jitter = _jitter(setting)
+        age = max((_greatest_age_for_ac(setting, r) for r in setting.by_dm), default=0)
+        age_sc, delay, stamps = _greatest_ages_of_sc_reads(setting)
+        jitter = _action_window_ns(setting)
     # SC's release whose reads are all there, whatever is late, if the DM never says "AC"
     plain = [p.certain_since() for r in setting.by_sc for p in r.paths]
     h_0 = setting.latest_action(setting.sc.next_release(max([0, *plain])))
@@ -249,11 +249,11 @@ def derive_times(setting: TimingSetting) -> DerivedTimes:
         age_sc=age_sc,
         delay=delay,
         jitter=jitter,
-        h_star=age + _handover_time(setting),
+        h_star=age + _longest_handover_ns(setting),
         h_0=h_0,
-        start=max(h_0, _time_without_state(setting)),
+        start=max(h_0, _ns_until_outputs_last(setting)),
         stamps=stamps,
-        in_force=0 if setting.instants else _age_in_force(setting),
+        in_force=0 if setting.instants else _greatest_age_in_force(setting),
     )
 
 
@@ -264,12 +264,12 @@ def check_runs_do_not_overlap(setting: TimingSetting) -> None:
             raise NotRecheckedError(f"a run of `{c.name}` may not be over when the next one is due")
     if setting.sc.period > setting.dm.period:
         raise NotRecheckedError("SC is slower than its DM")
-    for t in () if setting.instants else setting.steady_releases():
+    for t in () if setting.instants else setting.settled_releases():
         if setting.latest_start(t) + setting.sc.response > t + setting.sc.period:
             raise NotRecheckedError("SC may not be done when its next step is due")
 
 
-def _enforced_age(setting: TimingSetting, read: TopicReading) -> int:
+def _greatest_age_for_ac(setting: TimingSetting, read: TopicReading) -> int:
     """The greatest age of a state on which the DM may still say "AC".
 
     The stamp is no older than `max_age`, which is enforced; a state is older than its stamp by what
@@ -278,13 +278,13 @@ def _enforced_age(setting: TimingSetting, read: TopicReading) -> int:
     return read.max_age + max(path.longest_lag(setting.silent) for path in read.paths)
 
 
-def _answered_ages(setting: TimingSetting) -> tuple[int, int, dict[str, int]]:
-    """Greatest age of a state that SC reads, and its age when the command for it acts; of stamps.
+def _greatest_ages_of_sc_reads(setting: TimingSetting) -> tuple[int, int, dict[str, int]]:
+    """Greatest age of a state that SC reads, its age when the command for it acts, ages of stamps.
 
-    Ages of states are with drop-outs, those of stamps, by topic, without.
+    Ages of states count drop-outs; those of stamps, by topic, do not.
     """
     age, delay, stamps = 0, 0, dict.fromkeys((r.name for r in setting.by_sc), 0)
-    for t in setting.steady_releases():
+    for t in setting.settled_releases():
         end = setting.latest_start(t)
         delay = max(delay, setting.latest_effect(t, end) - end)  # an SC that reads no state
         for name, path in ((r.name, path) for r in setting.by_sc for path in r.paths):
@@ -295,14 +295,14 @@ def _answered_ages(setting: TimingSetting) -> tuple[int, int, dict[str, int]]:
     return age, delay, stamps
 
 
-def _age_in_force(setting: TimingSetting) -> int:
+def _greatest_age_in_force(setting: TimingSetting) -> int:
     """The greatest age of a state behind a command of SC when the next command replaces it.
 
     Effects come in order: what was published for one release is gone for good when what was
     published for the next one acts in every component.
     """
     worst = 0
-    for t in setting.steady_releases():
+    for t in setting.settled_releases():
         replaced = setting.latest_action(t + setting.sc.period)
         worst = max(worst, replaced - t)  # an SC that reads no state
         for path in (path for read in setting.by_sc for path in read.paths):
@@ -311,14 +311,14 @@ def _age_in_force(setting: TimingSetting) -> int:
     return worst
 
 
-def _jitter(setting: TimingSetting) -> int:
+def _action_window_ns(setting: TimingSetting) -> int:
     """The length of the window, from the same time after each release, in which outputs act."""
-    steady = list(setting.steady_releases())
+    steady = list(setting.settled_releases())
     early = min(e.earliest_action(t) - t for e in setting.effects for t in steady)
     return max(setting.latest_action(t) - t for t in steady) - early
 
 
-def _handover_time(setting: TimingSetting) -> int:
+def _longest_handover_ns(setting: TimingSetting) -> int:
     """The longest time from the release of a DM's last "AC" to the first output of SC that acts.
 
     What SC publishes before the next verdict is in force is dropped. The first output that
@@ -328,35 +328,35 @@ def _handover_time(setting: TimingSetting) -> int:
     known = {r.name for r in setting.by_dm}
     others = [r for r in setting.by_sc if r.name not in known]
     count = lcm(*setting.periods) // setting.dm.period
-    count += (setting.first_with_state(0, others) + setting.settled_at) // setting.dm.period + 1
+    count += (setting.release_with_state(0, others) + setting.settled_at) // setting.dm.period + 1
     if count > 2 * RELEASES_MAX:
         raise NotRecheckedError("the DM has too many releases to go through")
     worst = 0
     for k in range(count):
         t = setting.dm.phase + k * setting.dm.period
-        taken = setting.first_with_state(t + setting.dm.period, others)
+        taken = setting.release_with_state(t + setting.dm.period, others)
         worst = max(worst, setting.latest_action(taken) - t)
     return worst
 
 
-def _time_without_state(setting: TimingSetting) -> int:
-    """The time from which on outputs of SC act for good, with drop-outs and "AC" on defaults.
+def _ns_until_outputs_last(setting: TimingSetting) -> int:
+    """The time from which outputs of SC act for good, with drop-outs and "AC" said on defaults.
 
     A node that has read nothing publishes what it makes of a default, with a fresh stamp: the DM
     may say "AC" on it. Its last release that may see this is followed by one that does not.
     """
-    start = setting.first_with_state(0, setting.by_sc)
+    start = setting.release_with_state(0, setting.by_sc)
     for path in (path for read in setting.by_dm for path in read.paths):
         last = path.certain_since(setting.silent) - 1
         if path.may_publish_nothing(setting.silent) and last >= setting.dm.phase:
             after = setting.dm.last_release(last) + setting.dm.period
-            start = max(start, setting.first_with_state(after, setting.by_sc))
+            start = max(start, setting.release_with_state(after, setting.by_sc))
     return setting.latest_action(start)
 
 
 @dataclass
 class Ways:
-    """The ways between plants and a module, if no nodes lie on them (else `node_paths.py`)."""
+    """The ways between plants and a module without nodes between them (else `node_paths.py`)."""
 
     system: System
     module: Module
@@ -376,7 +376,7 @@ class Ways:
     def _paths_to(self, index: int, behind: tuple[int, ...]) -> list[TopicPath]:
         """The ways to a topic; `behind`: the nodes that were followed already, none here."""
         del behind
-        return [path_from_plant(c) for c in self.system.components if index in c.writes]
+        return [path_of_plant(c) for c in self.system.components if index in c.writes]
 
     def find_effects(self, least: int, most: int) -> tuple[Effect, ...]:
         """The ways from all outputs to the plants; NotRecheckedError where an output has none."""
@@ -388,7 +388,7 @@ class Ways:
         return (Effect(least, most),)
 
 
-def path_from_plant(c: Component) -> TopicPath:
+def path_of_plant(c: Component) -> TopicPath:
     """The path of a topic that this plant publishes."""
     return TopicPath(Clock(c.name, c.period_ns, c.phase_ns))
 
@@ -396,7 +396,7 @@ def path_from_plant(c: Component) -> TopicPath:
 def has_nodes_between(system: System, module: Module, topics: Iterable[int]) -> bool:
     """Whether a node publishes one of these topics, or reads what the module publishes.
 
-    A node with a queue counts as one, as its queue may show that.
+    A node with a queue counts as one: the queue may show an output.
     """
     felt = {*module.outputs, *(t.index for t in system.topics if t.queue_of is not None)}
     for c in system.components:

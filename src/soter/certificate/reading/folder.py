@@ -35,7 +35,7 @@ from soter.language.load.loader import load
 from soter.language.model.types import BoolType, DurationType, EnumType, FloatType, IntType
 from soter.language.syntax import tree
 from soter.report.wording import visible
-from soter.version import other_format
+from soter.version import why_format_is_unreadable
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -166,7 +166,7 @@ def _require_this_format(number: object) -> None:
     """NotRecheckedError for the format of another version of Soter: it is not known here."""
     if type(number) is not int or number < 1:
         raise RejectedError("the manifest does not say the version of its format")
-    if other := other_format(number, FORMAT):
+    if other := why_format_is_unreadable(number, FORMAT):
         raise NotRecheckedError(f"{other}: make it again with `soter verify --cert`")
 
 
@@ -256,7 +256,7 @@ def read_program(certificate: Certificate) -> tuple[CheckResult, dict[str, Any]]
     if not isinstance(main, str) or f"program/{main}" not in certificate.contents:
         raise RejectedError(f"the main file `{main}` is not in the certificate")
     path = str(certificate.folder / "program" / main)
-    _require_sealed_files(certificate, path)
+    _refuse_files_not_sealed(certificate, path)
     checked = check_file(path)
     overrides: dict[str, Any] = {}
     if checked.program is not None:
@@ -269,11 +269,11 @@ def read_program(certificate: Certificate) -> tuple[CheckResult, dict[str, Any]]
         raise error
     if checked.program.sha256 != certificate.manifest["program_sha256"]:
         raise RejectedError("the program is another one than the manifest says")
-    _require_sealed_bytes(certificate, checked)
+    _refuse_bytes_not_sealed(certificate, checked)
     return checked, overrides
 
 
-def _require_sealed_bytes(certificate: Certificate, checked: CheckResult) -> None:
+def _refuse_bytes_not_sealed(certificate: Certificate, checked: CheckResult) -> None:
     """RejectedError where a file that the front end read anew has other bytes than were sealed."""
     assert checked.loaded is not None
     root = certificate.folder.resolve()
@@ -297,7 +297,7 @@ def files_of_program(path: str) -> list[Path]:
     return paths
 
 
-def _require_sealed_files(certificate: Certificate, path: str) -> None:
+def _refuse_files_not_sealed(certificate: Certificate, path: str) -> None:
     """RejectedError unless the program reads all files below `program/`, and no others."""
     root, paths = certificate.folder.resolve(), files_of_program(path)
     unread = {name for name in certificate.contents if name.startswith("program/")}
@@ -312,7 +312,6 @@ def _require_sealed_files(certificate: Certificate, path: str) -> None:
 
 
 def _parameter_values(certificate: Certificate, program: TypedProgram) -> dict[str, Any]:
-    """The values of the parameters by the manifest; RejectedError for an unknown parameter."""
     params = certificate.manifest["params"]
     if not isinstance(params, dict):
         raise RejectedError("`params` is not as it should be")
@@ -359,7 +358,7 @@ def refuse_cells(cores: Sequence[NDArray[Any]], claims: set[str], recover_ns: ob
 
 
 def require_keys(entry: object, names: str, holder: str, optional: str = "") -> None:
-    """`RejectedError` unless an entry has all keys of `names`, and else only `optional` ones."""
+    """RejectedError unless an entry has all keys of `names`, and no others but `optional` ones."""
     if not isinstance(entry, dict):
         raise RejectedError(f"{holder} is not as it should be")
     allowed = {*names.split(), *(name for name in optional.split() if name in entry)}

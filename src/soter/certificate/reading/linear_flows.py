@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from flint import arb, arb_mat
 
-from soter.certificate.reading.case_model import control_inputs
+from soter.certificate.reading.case_model import new_command_terms
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.linear_enclosures import HALF, ONE, UNIT, ZERO, exact, magnitude, upper
 from soter.certificate.terms.straight_line import (
@@ -76,7 +76,7 @@ class LinearFlow:
         )
 
     def noise_bounds(self, columns: Rows, start: Fraction, end: Fraction) -> list[arb]:
-        """Bounds on what |w| <= 1 adds to each state in [start, end]; `columns` stand for W's."""
+        """Bounds on what |w| <= 1 adds to each state in [start, end]; `columns` stand for W."""
         most = [ZERO] * len(columns)
         back = [[-x for x in row] for row in self.a]
         for time, a in ((-start, back), (end, self.a)):
@@ -88,21 +88,22 @@ class LinearFlow:
 def _noise_sizes(a: Rows, columns: Rows, time: Fraction) -> list[arb]:
     """A bound for each state on the integral of |e^{As} W| over [0, time], summed over columns."""
     share = time / PIECES
-    whole, around = product(integral(a, time), columns), _exponential_around_zero(a, share / 2)
+    whole = product(exp_integral(a, time), columns)
+    around = _exponential_around_zero(a, share / 2)
     pieces = [
         product(_exponential(a, share * k + share / 2, around), columns) for k in range(PIECES)
     ]
     sizes = []
     for i, row in enumerate(whole):
         size = total(
-            _absolute_integral(x, [piece[i][k] for piece in pieces], exact(share))
+            _bound_of_integral(x, [piece[i][k] for piece in pieces], exact(share))
             for k, x in enumerate(row)
         )
         sizes.append(arb(size.upper()))
     return sizes
 
 
-def _absolute_integral(whole: arb, over: Sequence[arb], share: arb) -> arb:
+def _bound_of_integral(whole: arb, over: Sequence[arb], share: arb) -> arb:
     """A bound on the integral of |f|, from that of f and the ranges of f on equal pieces of time.
 
     |f| = f + 2 max(-f, 0) = -f + 2 max(f, 0).
@@ -120,7 +121,7 @@ def _absolute_integral(whole: arb, over: Sequence[arb], share: arb) -> arb:
 
 
 def _reachable_entries(a: Rows) -> list[list[bool]]:
-    """Whether each entry of e^{At} can differ from the identity's: paths of the graph of A."""
+    """Whether each entry of e^{At} may differ from the identity's, by paths in the graph of A."""
     n = len(a)
     closure = [[not a[i][j].is_zero() for j in range(n)] for i in range(n)]
     for k in range(n):
@@ -132,7 +133,7 @@ def _reachable_entries(a: Rows) -> list[list[bool]]:
 
 
 def _with_exact_entries(a: Rows, e: Rows) -> Rows:
-    """The matrix `e` = e^{At}, with those entries exact that are 0 or 1 by the zeros of A."""
+    """The matrix `e` = e^{At}, exact in the entries that are 0 or 1 by the zeros of A."""
     reach = _reachable_entries(a)
     return [
         [x if reach[i][j] else (ONE if i == j else ZERO) for j, x in enumerate(row)]
@@ -201,12 +202,12 @@ def scaled_row_sum(a: Rows, time: arb) -> tuple[arb, list[arb]]:
     return arb(theta.upper()), scales
 
 
-def integral(a: Rows, time: Fraction) -> Rows:
+def exp_integral(a: Rows, time: Fraction) -> Rows:
     """The integral of e^{As} over [0, time]."""
-    return integrals(a, time, time)
+    return exp_integrals(a, time, time)
 
 
-def integrals(a: Rows, start: Fraction, end: Fraction) -> Rows:
+def exp_integrals(a: Rows, start: Fraction, end: Fraction) -> Rows:
     """The integral of e^{As} over [0, t] for all t in [start, end]."""
     n = len(a)
     full = [*side_by_side(a, unit_rows(n)), *([ZERO] * (2 * n) for _ in range(n))]
@@ -260,7 +261,7 @@ class FlowRow:
 
 
 def _outside_noise(model: CaseModel, row: FlowRow, members: Sequence[int]) -> tuple[arb, list[arb]]:
-    """A row's constant and its noise, where states outside of the group lie in their extents."""
+    """A row's constant and noise, with the states of other groups anywhere in their extents."""
     c, outside = row.constant, [ZERO] * len(model.extents)
     for j, (low, high) in enumerate(model.extents):
         if j not in members and not row.a[j].is_zero():
@@ -273,7 +274,7 @@ def _outside_noise(model: CaseModel, row: FlowRow, members: Sequence[int]) -> tu
 def _rows_of_all_states(model: CaseModel) -> list[FlowRow | None]:
     """The rates of all states as rows; None where a rate is not linear."""
     terms, states = model.new_terms()
-    controls = control_inputs(model.facts, terms)
+    controls = new_command_terms(model.facts, terms)
     rates, disturbances = model.rates(terms, states, controls)
 
     columns = [[x.atom for x in group] for group in (states, controls, disturbances)]

@@ -78,7 +78,7 @@ class Facts:
     flying_module: Module
     ways: Ways = field(init=False)
     setting: TimingSetting = field(init=False)
-    own: DerivedTimes = field(init=False)
+    derived: DerivedTimes = field(init=False)
     """The times that the re-checker derives; `times` may have longer ones of the manifest."""
     states: list[Input] = field(default_factory=list)
     controls: list[Input] = field(default_factory=list)
@@ -104,7 +104,7 @@ class Facts:
     leaves: dict[int, tuple[int, tuple[str, ...]]] = field(default_factory=dict)
     """State -> the topic leaf that is declared as its axis."""
     times: dict[str, int] = field(default_factory=dict)
-    """The times that every claim is held to, by names of the manifest: never less than `own`."""
+    """The times that every claim is held to, by manifest name: never less than `derived`."""
     thread: str = ""
     """The assumption on the thread that keeps them; "" where no execution times are declared."""
     at_rest: bool = False
@@ -131,16 +131,16 @@ class Facts:
 
     @property
     def has_late_commands(self) -> bool:
-        """Whether commands may act so late that several outputs are on their way at a time."""
+        """Whether commands may act so late that several outputs are under way at one time."""
         return 2 * self.jitter_ns > self.times["delta_ns"]
 
     @property
     def start_ns(self) -> int:
         """The time in ns up to which any command may act, as SC has answered no state before."""
-        return max(self.times["h0_ns"], self.own.start)
+        return max(self.times["h0_ns"], self.derived.start)
 
     @property
-    def decide_ns(self) -> int:
+    def verdict_delay_ns(self) -> int:
         """The longest time, in ns, from a state until a verdict on it, or a later one, is in force.
 
         A read is at most A old: from A after the state on every DM sees it; the next DM is due
@@ -150,7 +150,7 @@ class Facts:
         return t["A_ns"] + t["Delta_ns"] + t["J_dm_ns"] + t["R_dm_ns"]
 
     @property
-    def between_ns(self) -> int:
+    def ns_between_verdicts(self) -> int:
         """The longest time, in ns, from the state behind a verdict to that behind the next one."""
         return self.times["A_ns"] + self.times["Delta_ns"] + self.times["J_dm_ns"]
 
@@ -160,20 +160,20 @@ class Facts:
         return self.module.symbol
 
     @property
-    def computed(self) -> bool:
+    def is_computed(self) -> bool:
         """Whether the program leaves `ttf` and `safer` to the prover."""
         return self.symbol.ttf is None and self.symbol.safer is None
 
     @property
     def ttf(self) -> typed.TypedExpr | None:
-        """`ttf` without the parts that ask for an age, which no state decides."""
+        """`ttf` without the parts that read an age, as no state decides these."""
         ttf = self.symbol.ttf
         return (
-            ttf if ttf is None or not has_part(AgeRead, [ttf]) else extras.views.without_ages(ttf)
+            ttf if ttf is None or not has_kind(AgeRead, [ttf]) else extras.views.without_ages(ttf)
         )
 
     @property
-    def modes(self) -> bool:
+    def reads_any_mode(self) -> bool:
         """Whether SC or a predicate reads the mode of a module."""
         code = () if self.sc.node is None else self.sc.node.step
         return reads_mode([*code, *self.symbol.predicates])
@@ -184,11 +184,11 @@ class Facts:
         index = self.flying_module.index
         return [c for c in self.flying.components if c.module == index and c.role in ("ac", "sc")]
 
-    def read_by_dm(self, ttf: typed.TypedExpr | None) -> list[typed.TopicSymbol]:
+    def topics_read_by_dm(self, ttf: typed.TypedExpr | None) -> list[typed.TopicSymbol]:
         """The topics that `safer` and this form of `ttf` read; none of computed predicates."""
         return list(topic_reads(*(p for p in (ttf, self.symbol.safer) if p is not None)))
 
-    def cases(self) -> Iterator[tuple[int, ...]]:
+    def parameter_combinations(self) -> Iterator[tuple[int, ...]]:
         """Every combination of parameter values."""
         return product(*(p.values for p in self.parameters))
 
@@ -206,11 +206,11 @@ def driven_topics(facts: Facts) -> dict[int, tuple[Component, typed.TypedExpr]]:
 def topics_read(facts: Facts) -> tuple[list[int], list[int]]:
     """The driven topics that the DM reads, and those that SC reads."""
     driven = driven_topics(facts)
-    by_dm = [facts.module.scope.topics[t] for t in facts.read_by_dm(facts.symbol.ttf)]
+    by_dm = [facts.module.scope.topics[t] for t in facts.topics_read_by_dm(facts.symbol.ttf)]
     by_sc = [facts.sc.scope.topics[t] for t in topics_read_by_sc(facts.sc)]
     if facts.symbol.rest is not None:  # what is computed of it reads what the module reads
         by_dm = [*facts.module.scope.topics.values(), *by_sc]
-    elif facts.computed:  # computed predicates read what carries the axes
+    elif facts.is_computed:  # computed predicates read what carries the axes
         by_dm = [topic for topic, _ in facts.leaves.values()] or list(driven)
     return [list(dict.fromkeys(i for i in of if i in driven)) for of in (by_dm, by_sc)]  # type: ignore[return-value]
 
@@ -233,14 +233,14 @@ def named_leaves(name: str, of: Type) -> Iterator[tuple[int, str, Type]]:
         yield k, leaf_name(name, path), leaf
 
 
-def has_part(kind: type, code: Iterable[object]) -> bool:
-    """Whether a piece of code has an expression of that kind."""
+def has_kind(kind: type, code: Iterable[object]) -> bool:
+    """Whether a piece of code has an expression of a kind."""
     return any(isinstance(node, kind) for node in nodes(code))
 
 
 def reads_mode(code: Iterable[object]) -> bool:
     """Whether a piece of code reads the mode of a module."""
-    return has_part(ModeRead, code)
+    return has_kind(ModeRead, code)
 
 
 def topics_of_others(c: Component, module: Module) -> list[typed.TopicSymbol]:

@@ -113,7 +113,7 @@ def read_times(facts: Facts) -> None:
         facts.thread = extras.thread_times.check_thread_times(
             facts.flying, facts.flying_module, setting, in_step
         )
-    facts.times, facts.own, facts.setting = time_by_name, derived, setting
+    facts.times, facts.derived, facts.setting = time_by_name, derived, setting
 
 
 def _timing_setting(
@@ -171,13 +171,13 @@ def _check_late_commands(facts: Facts, setting: TimingSetting) -> None:
 def compare_times(facts: Facts, entry: dict[str, Any]) -> None:
     """Requires declared times as in the program and derived ones no shorter; enters the longer.
 
-    Older reads, wider windows, a longer horizon: a claim about more schedules implies ours.
-    RejectedError for shorter times, NotRecheckedError for longer ones than anybody needs.
+    With older reads, wider windows or a longer horizon a claim is about more schedules, and implies
+    ours. RejectedError for shorter times, NotRecheckedError for longer ones than anybody needs.
     """
     keys: tuple[str, ...] = TIME_KEYS
     if ACTED_KEY in entry and facts.symbol.shield is not None and facts.kind == "flow":
         keys = *keys, ACTED_KEY
-        facts.times[ACTED_KEY] = extras.estimates_and_shield.acted_ns(facts)
+        facts.times[ACTED_KEY] = extras.estimates_and_shield.command_memory_ns(facts)
     require_keys(entry, " ".join(keys), "`times`")
     ages = [r.max_age for r in (*facts.setting.by_dm, *facts.setting.by_sc)]
     own_jitter = facts.times["j_ns"]

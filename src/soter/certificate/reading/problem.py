@@ -180,11 +180,11 @@ def _discrete_values(type_: Type, name: str) -> tuple[int, ...]:
 
 
 def _read_topics(facts: Facts) -> None:
-    """Enters the commands, the errors of topics that are read, and topics that no plant drives."""
+    """Enters commands, errors of topics that are read, and topics that no plant drives."""
     module, sc, symbol = facts.module, facts.sc, facts.symbol
     by_sc = [sc.scope.topics[t] for t in topics_read_by_sc(sc)]
-    errors_of = {*by_sc, *(module.scope.topics[t] for t in facts.read_by_dm(symbol.ttf))}
-    if facts.computed:  # computed predicates read what carries the axes
+    errors_of = {*by_sc, *(module.scope.topics[t] for t in facts.topics_read_by_dm(symbol.ttf))}
+    if facts.is_computed:  # computed predicates read what carries the axes
         known = {*sc.scope.topics.values(), *module.scope.topics.values()}
         errors_of |= dict(facts.leaves.values()).keys() or known
     for index in module.outputs:
@@ -199,7 +199,7 @@ def _read_topics(facts: Facts) -> None:
             error = Input("error", name, m.topic, m.leaf, -m.bound, m.bound, unit=unit)
             facts.errors.append(error)
     driven = driven_topics(facts)
-    by_dm = [module.scope.topics[t] for t in facts.read_by_dm(facts.ttf)]
+    by_dm = [module.scope.topics[t] for t in facts.topics_read_by_dm(facts.ttf)]
     for index in dict.fromkeys([*by_sc, *by_dm]):
         if index not in driven:
             facts.others += _leaves_of(facts, index, "other")
@@ -264,7 +264,7 @@ def _topic_of_axis(facts: Facts, topic: typed.TopicSymbol) -> int:
 def state_published(
     facts: Facts, c: Component, expr: typed.TypedExpr, path: tuple[str, ...]
 ) -> int | None:
-    """The number of the state that a leaf of a driven topic shows; None if it is no bare state."""
+    """The number of the state that a leaf of a topic shows; None if it shows no state as it is."""
     plant = c.plant
     assert plant is not None
     if isinstance(expr, typed.VarRead):

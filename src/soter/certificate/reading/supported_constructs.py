@@ -104,7 +104,7 @@ ROLES = ("plant", "dm", "sc", "ac", "node")
 
 
 def require_supported(facts: Facts, *, followed: bool = False) -> None:
-    """`NotRecheckedError` for the first thing off the list; `followed`: `rest` stands on it."""
+    """NotRecheckedError for a construct that is not listed; `followed`: `rest` counts as listed."""
     for declared in (*CODE, *DECLARATIONS, *ELABORATED):
         _require_known_fields(declared)
     module = facts.flying_module
@@ -116,7 +116,7 @@ def require_supported(facts: Facts, *, followed: bool = False) -> None:
         )
     assert facts.sc.node is not None
     _require_supported_sc(facts.sc.node, followed=followed)
-    if facts.modes:
+    if facts.reads_any_mode:
         extras.sc_locals_and_modes.require_modes_of_others(facts)
     _require_own_topics(facts)
     rest = () if facts.symbol.rest is None else (facts.symbol.rest.condition,)

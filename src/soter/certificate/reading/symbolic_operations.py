@@ -33,12 +33,12 @@ from soter.certificate.terms.terms import (
     Linear,
     Proposition,
     Terms,
-    both,
+    and_of,
     choice_of_truths,
-    either,
     input_atoms,
     is_same_number,
     negation,
+    or_of,
 )
 from soter.language.evaluate import arithmetic as arith
 
@@ -56,7 +56,7 @@ SMALL = exact(2.0**900)
 
 
 def remembered(operation: F) -> F:
-    """A decorator: the same operation on the same operand objects gives the same value again.
+    """A decorator: an operation on the same operand objects gives the same object again.
 
     So what a program writes twice may cancel, as on the machine. Obligations are added each time.
     """
@@ -72,7 +72,7 @@ def remembered(operation: F) -> F:
 
 
 def remembered_with_doubts(operation: F) -> F:
-    """A decorator: `remembered`, and the result rests on what its operands and doubts rest on."""
+    """A decorator as `remembered`; the result rests on all that its operands and doubts rest on."""
 
     @wraps(operation)
     def call_once(self: Operations, *operands: Any) -> Value:  # noqa: ANN401 - as it is declared
@@ -85,7 +85,7 @@ def remembered_with_doubts(operation: F) -> F:
 
 
 def _with_doubts(result: Value, doubts: Sequence[Proposition]) -> Value:
-    """The result, which is only known where the doubts hold; elsewhere a truth may be either."""
+    """The result, known only where the doubts hold; elsewhere a truth may be either."""
     if isinstance(result, Linear):
         rests = tuple(dict.fromkeys([*result.rests, *doubts]))
         known = rests == result.rests or isinstance(result, SymbolicInt)  # an int is always some
@@ -94,12 +94,12 @@ def _with_doubts(result: Value, doubts: Sequence[Proposition]) -> Value:
         return result
     if isinstance(result, (bool, Proposition)):
         any_truth = Proposition("below", argument=ANYTHING)
-        return as_bool(choice_of_truths(reduce(both, doubts), as_truth(result), any_truth))
+        return as_bool(choice_of_truths(reduce(and_of, doubts), as_truth(result), any_truth))
     return result
 
 
 class Operations:
-    """The operators over terms; `rounded`: as the machine computes, otherwise over real numbers.
+    """The operators over terms: as the machine computes (`rounded`), else over real numbers.
 
     On known numbers a function (`sqrt(2.0)`) gives what the machine makes of them, in a flow, too.
     """
@@ -135,7 +135,7 @@ class Operations:
                     self.terms.add_obligation(truth)
 
     def add_doubt(self, truth: Value) -> None:
-        """Notes that the result of the current operation rests on a truth, unless it is certain."""
+        """Notes that the result of the current operation is only known where a truth holds."""
         if as_bool(as_truth(truth)) is not True:
             self.doubts.append(as_truth(truth))
 
@@ -145,22 +145,22 @@ class Operations:
         return as_bool(negation(as_truth(a)))
 
     @remembered_with_doubts
-    def both(self, a: Value, b: Value) -> Value:
+    def and_of(self, a: Value, b: Value) -> Value:
         """The truth "`a` and `b`"."""
-        return as_bool(both(as_truth(a), as_truth(b)))
+        return as_bool(and_of(as_truth(a), as_truth(b)))
 
     @remembered_with_doubts
-    def one_of(self, a: Value, b: Value) -> Value:
+    def or_of(self, a: Value, b: Value) -> Value:
         """The truth "`a` or `b`"."""
-        return as_bool(either(as_truth(a), as_truth(b)))
+        return as_bool(or_of(as_truth(a), as_truth(b)))
 
     @remembered
-    def join(self, of: Type, c: Proposition, a: Value, b: Value) -> Value:
+    def choice_of(self, of: Type, c: Proposition, a: Value, b: Value) -> Value:
         """`c ? a : b`, leaf by leaf; NotRecheckedError for two lists of different lengths."""
         if isinstance(a, tuple):
             if len(a) != len(b):
                 raise NotRecheckedError(f"a list whose length depends on a branch {NOT_HERE}")
-            return tuple(self.join(of, c, x, y) for x, y in zip(a, b, strict=True))
+            return tuple(self.choice_of(of, c, x, y) for x, y in zip(a, b, strict=True))
         if isinstance(a, (bool, Proposition)):
             return as_bool(choice_of_truths(c, as_truth(a), as_truth(b)))
         if not isinstance(a, Linear) and not isinstance(b, Linear) and is_identical(a, b):
@@ -239,7 +239,7 @@ class Operations:
         return self.min_or_max("min", self.min_or_max("max", x, low), high)
 
     def add_doubt_below_zero(self, x: Linear) -> None:
-        """Notes that the result of the current operation rests on `x` not being below 0."""
+        """Notes that the result of the operation is only known where `x` is not below 0."""
         self.add_doubt(negation(self.terms.below_zero(x)))
 
     @remembered_with_doubts
@@ -291,7 +291,7 @@ class Operations:
         ((atom, factor),) = x.terms.items()
         return bool(factor == 1) and self.terms.atoms[atom].kind == "floor"
 
-    def narrow(self, x: Value, low: Value, high: Value) -> Value:
+    def demand_between(self, x: Value, low: Value, high: Value) -> Value:
         """`x`, with the obligation that it lies between `low` and `high`."""
         if not isinstance(x, Linear):
             return arith.require_in_range(x, low, high)
@@ -310,10 +310,10 @@ class Operations:
         return SymbolicInt(x.const, x.terms, x.radius, x.low, x.high, x.nonnegative)
 
     def _rounded_if_needed(self, x: Linear) -> Linear:
-        return self.terms.rounded(x) if self.is_rounded else x
+        return self.terms.rounded_term(x) if self.is_rounded else x
 
     def _operand_terms(self, op: str, a: Value, b: Value) -> tuple[Linear, Linear]:
-        """Two operands as terms; the result rests on their being finite where `op` needs that."""
+        """Two operands as terms, with the doubt that they are finite where `op` needs that."""
         x, y = self._as_term(a), self._as_term(b)
         for one, other in ((x, y), (y, x)):
             large = self.is_rounded and (other.low >= 1 or other.high <= -1)
@@ -325,7 +325,7 @@ class Operations:
         return x, y
 
     def finite_term(self, x: Value) -> Linear:
-        """A number as a term; the result of the current operation rests on it being finite."""
+        """A number as a term; the result of the operation is only known where it is finite."""
         term = self._as_term(x)
         self.doubts += term.beyond
         return term
@@ -339,7 +339,7 @@ class Operations:
 
 
 def _with_beyond(x: Linear, beyond: Sequence[Proposition]) -> Linear:
-    """A number that may be infinite unless `beyond` hold; without these where it is bounded."""
+    """A number that may be infinite unless `beyond` hold; it has none of these if it is bounded."""
     bounded = magnitude(x.low).max(magnitude(x.high)) < LARGEST
     return x if bounded or not beyond else replace(x, beyond=tuple(beyond))
 
@@ -347,9 +347,9 @@ def _with_beyond(x: Linear, beyond: Sequence[Proposition]) -> Linear:
 def _choice_doubts(
     c: Proposition, a: Sequence[Proposition], b: Sequence[Proposition]
 ) -> list[Proposition]:
-    """The propositions, of those on `a` and `b`, that must hold of `c ? a : b`."""
-    alone = [either(negation(c), p) for p in a if p not in b]
-    alone += [either(c, p) for p in b if p not in a]
+    """The propositions that must hold of `c ? a : b`, from those that must hold of a, and of b."""
+    alone = [or_of(negation(c), p) for p in a if p not in b]
+    alone += [or_of(c, p) for p in b if p not in a]
     return [*(p for p in a if p in b), *alone]
 
 

@@ -23,7 +23,7 @@ from soter.certificate.reading.symbolic_values import (
     Rows,
     SymbolicInt,
     Value,
-    in_range,
+    index_in_range,
     is_known,
     map_leaves,
     scalar_leaves,
@@ -62,14 +62,14 @@ class CallFrame:
 
 
 class CodeReader:
-    """Reads code by value: `operations` says what operators give (`symbolic_operations.py`)."""
+    """Reads code to values; `operations` gives the operators (`symbolic_operations.py`)."""
 
     def __init__(self, operations: Any, params: Mapping[t.ParamSymbol, Value]) -> None:  # noqa: ANN401 - of either kind
         self.operations, self.params = operations, params
         self._steps = 0
 
-    def attempt(self, path: Value, run: Callable[[], Value]) -> tuple[bool, Value]:
-        """(True, what `run` gives under the condition `path`), or (False, None) where `run` faults.
+    def run_under(self, path: Value, run: Callable[[], Value]) -> tuple[bool, Value]:
+        """(True, what `run` gives under the condition `path`), or (False, None) where it faults.
 
         A fault adds the obligation that `path` does not hold.
         """
@@ -85,13 +85,13 @@ class CodeReader:
     def _read_both_sides(
         self, c: Value, then: Callable[[], Value], otherwise: Callable[[], Value]
     ) -> tuple[tuple[bool, Value], tuple[bool, Value]]:
-        """Reads both sides of an undecided branch as `attempt` does; StepFault where both fault.
+        """What `run_under` gives of both sides of an undecided branch; StepFault where both fault.
 
         A variable that only one side has is read by nobody afterwards: the language refuses that.
         """
         path, make = self.operations.path, self.operations
-        first = self.attempt(make.both(path, c), then)
-        second = self.attempt(make.both(path, make.negation(c)), otherwise)
+        first = self.run_under(make.and_of(path, c), then)
+        second = self.run_under(make.and_of(path, make.negation(c)), otherwise)
         if not (first[0] or second[0]):
             raise arithmetic.StepFault(arithmetic.FaultKind.ASSERT)
         return first, second
@@ -110,13 +110,13 @@ class CodeReader:
             self._count_step()
             statement = todo.pop(0)
             if isinstance(statement, t.TypedReturn):
-                return self.value(statement.value, frame)
+                return self.value_of(statement.value, frame)
             if isinstance(statement, t.TypedIf):
                 (condition, then), *more = statement.arms
                 otherwise = statement.otherwise
                 if more:
                     otherwise = (t.TypedIf(statement.span, tuple(more), otherwise),)
-                c = self.value(condition, frame)
+                c = self.value_of(condition, frame)
                 if isinstance(c, bool):
                     todo[:0] = then if c else otherwise
                 elif any(isinstance(n, t.TypedReturn) for n in nodes([statement])):
@@ -145,7 +145,7 @@ class CodeReader:
             frame.variables, frame.published = other.variables, other.published
         if not (fine and well):
             return first if fine else second
-        join, its = self.operations.join, other.variables
+        join, its = self.operations.choice_of, other.variables
         if first is None or second is None:
             frame.variables = {
                 v: join(v.type, c, x, its[v]) for v, x in frame.variables.items() if v in its
@@ -163,7 +163,7 @@ class CodeReader:
         items: Any = (
             range(loop.low, loop.high)
             if isinstance(loop, t.ForRange)
-            else self.value(loop.sequence, frame)
+            else self.value_of(loop.sequence, frame)
         )
         if not isinstance(items, (range, tuple)):
             raise NotRecheckedError(f"such a `for` {NOT_HERE}")
@@ -175,16 +175,16 @@ class CodeReader:
 
     def _run_simple(self, statement: t.TypedStmt, frame: CallFrame) -> None:
         if isinstance(statement, t.TypedDeclare):
-            frame.variables[statement.variable] = self.value(statement.value, frame)
+            frame.variables[statement.variable] = self.value_of(statement.value, frame)
         elif isinstance(statement, t.TypedAssign):
             place = statement.place
-            keys = [k if isinstance(k, int) else self.value(k, frame) for k in place.path]
-            new, old = self.value(statement.value, frame), frame.variables[place.variable]
+            keys = [k if isinstance(k, int) else self.value_of(k, frame) for k in place.path]
+            new, old = self.value_of(statement.value, frame), frame.variables[place.variable]
             frame.variables[place.variable] = self.replace_part(place.variable.type, old, keys, new)
         elif isinstance(statement, t.TypedPublish):
-            frame.published[statement.topic] = True, self.value(statement.value, frame)
+            frame.published[statement.topic] = True, self.value_of(statement.value, frame)
         elif isinstance(statement, t.Assert):
-            self.operations.add_obligation(self.value(statement.condition, frame))
+            self.operations.add_obligation(self.value_of(statement.condition, frame))
         else:
             raise NotRecheckedError(
                 f"`{type(statement).__name__.removeprefix('Typed').lower()}` {NOT_HERE}"
@@ -200,7 +200,7 @@ class CodeReader:
         at, rest = keys[0], keys[1:]
         if not isinstance(at, int):
             raise NotRecheckedError(f"an assignment at an index that depends on inputs {NOT_HERE}")
-        old = whole[in_range(at, len(whole))]
+        old = whole[index_in_range(at, len(whole))]
         part = self.replace_part(part_type(of, at), old, rest, new)
         return (*whole[:at], part, *whole[at + 1 :])
 
@@ -210,9 +210,9 @@ class CodeReader:
         self, expr: t.TypedExpr, variables: Mapping[t.Variable, Value] | None = None
     ) -> Value:
         """The value of an expression in which these variables are known."""
-        return self.value(expr, CallFrame(dict(variables or {})))
+        return self.value_of(expr, CallFrame(dict(variables or {})))
 
-    def value(self, e: t.TypedExpr, frame: CallFrame) -> Value:
+    def value_of(self, e: t.TypedExpr, frame: CallFrame) -> Value:
         """The value of an expression in a call; NotRecheckedError for a construct unknown here."""
         self._count_step()
         reading = self.readings.get(type(e))
@@ -226,7 +226,7 @@ class CodeReader:
         return frame.variables[e.variable]
 
     def _unary_value(self, e: t.TypedUnary, frame: CallFrame) -> Value:
-        x = self.value(e.operand, frame)
+        x = self.value_of(e.operand, frame)
         return self.operations.negation(x) if e.op == "!" else map_leaves(self.operations.negate, x)
 
     def _binary_value(self, e: t.TypedBinary, frame: CallFrame) -> Value:
@@ -239,21 +239,21 @@ class CodeReader:
         return self.operations.arithmetic(e.op, a, b)
 
     def operand(self, e: t.TypedExpr, frame: CallFrame) -> Value:
-        """The value of an operand, which readers may read in another way than other expressions."""
-        return self.value(e, frame)
+        """The value of an operand; a reader may read operands in its own way."""
+        return self.value_of(e, frame)
 
     def _short_circuit(self, e: t.TypedBinary, a: Value, frame: CallFrame) -> Value:
         going_on, make = e.op == "&&", self.operations
         if isinstance(a, bool):
-            return self.value(e.right, frame) if a == going_on else a
-        path = make.both(make.path, a if going_on else make.negation(a))
-        fine, b = self.attempt(path, lambda: self.value(e.right, frame))
+            return self.value_of(e.right, frame) if a == going_on else a
+        path = make.and_of(make.path, a if going_on else make.negation(a))
+        fine, b = self.run_under(path, lambda: self.value_of(e.right, frame))
         if not fine:
             return not going_on
-        return make.both(a, b) if going_on else make.one_of(a, b)
+        return make.and_of(a, b) if going_on else make.or_of(a, b)
 
     def _vector_value(self, e: t.Vector, frame: CallFrame) -> Value:
-        a, b = self.value(e.left, frame), self.value(e.right, frame)
+        a, b = self.value_of(e.left, frame), self.value_of(e.right, frame)
         of = partial(self.operations.arithmetic, e.op)
         if isinstance(a, tuple) and isinstance(b, tuple):
             return zip_leaves(of, a, b)
@@ -264,13 +264,13 @@ class CodeReader:
         )
 
     def _conditional_value(self, e: t.Conditional, frame: CallFrame) -> Value:
-        c = self.value(e.condition, frame)
+        c = self.value_of(e.condition, frame)
         if isinstance(c, bool):
-            return self.value(e.then if c else e.otherwise, frame)
+            return self.value_of(e.then if c else e.otherwise, frame)
         (fine, a), (well, b) = self._read_both_sides(
-            c, lambda: self.value(e.then, frame), lambda: self.value(e.otherwise, frame)
+            c, lambda: self.value_of(e.then, frame), lambda: self.value_of(e.otherwise, frame)
         )
-        return self.operations.join(e.type, c, a, b) if fine and well else (a if fine else b)
+        return self.operations.choice_of(e.type, c, a, b) if fine and well else (a if fine else b)
 
     def result_of_call(self, fun: t.FunSymbol, arguments: Sequence[Value]) -> Value:
         """Reads the body of a function; gives its result. NotRecheckedError if it is extern."""
@@ -302,17 +302,17 @@ class CodeReader:
 
     def _length_value(self, e: t.TypedLength, frame: CallFrame) -> Value:
         of = e.target.type
-        return of.size if isinstance(of, ArrayType) else len(self.value(e.target, frame))
+        return of.size if isinstance(of, ArrayType) else len(self.value_of(e.target, frame))
 
     def _aggregate_value(self, e: t.Aggregate, frame: CallFrame) -> Value:
-        values = [self.value(x, frame) for x in e.elements]
+        values = [self.value_of(x, frame) for x in e.elements]
         for where, value in zip(e.order or (), tuple(values), strict=False):
             values[where] = value
         return tuple(values)
 
     def _narrowed_value(self, e: t.Narrow, frame: CallFrame) -> Value:
         of = cast("IntType", e.type)
-        return self.operations.narrow(self.value(e.operand, frame), of.low, of.high)
+        return self.operations.demand_between(self.value_of(e.operand, frame), of.low, of.high)
 
     readings: ClassVar[dict[type[t.TypedExpr], Callable[[Any, Any, CallFrame], Value]]] = {
         t.Literal: lambda _, e, __: e.value,
@@ -323,10 +323,10 @@ class CodeReader:
         t.Vector: _vector_value,
         t.Conditional: _conditional_value,
         t.TypedCall: lambda self, e, frame: self.result_of_call(
-            e.fun, [self.value(a, frame) for a in e.arguments]
+            e.fun, [self.value_of(a, frame) for a in e.arguments]
         ),
         t.Builtin: _builtin_value,
-        t.TypedField: lambda self, e, frame: self.value(e.target, frame)[e.index],
+        t.TypedField: lambda self, e, frame: self.value_of(e.target, frame)[e.index],
         t.TypedLength: _length_value,
         t.Aggregate: _aggregate_value,
         t.Narrow: _narrowed_value,
@@ -374,14 +374,14 @@ class SymbolicReader(CodeReader):
         """
         frame = CallFrame(dict(variables))
 
-        def run() -> None:
+        def run_body() -> None:
             self.run_block(body, frame)
             for v, ranges in claimed.items():
                 for x, ends in zip(scalar_leaves(frame.variables[v]), ranges, strict=True):
                     if ends is not None:
-                        self.operations.demand_finite(self.operations.narrow(x, *ends))
+                        self.operations.demand_finite(self.operations.demand_between(x, *ends))
 
-        if not self.attempt(self.operations.path, run)[0]:
+        if not self.run_under(self.operations.path, run_body)[0]:
             raise NotRecheckedError("SC faults wherever it steps")
         if any(says is not True for says, _ in frame.published.values()):
             raise NotRecheckedError(f"a step that publishes on one side only {NOT_HERE}")
@@ -389,13 +389,13 @@ class SymbolicReader(CodeReader):
         self.operations.demand_finite(*scalar_leaves(tuple(published.values())))
         return published
 
-    def value(self, e: t.TypedExpr, frame: CallFrame, *, rows: bool = False) -> Value:
+    def value_of(self, e: t.TypedExpr, frame: CallFrame, *, rows: bool = False) -> Value:
         """The value of an expression: an int stays an int, and a bool a bool, by its static type.
 
         `rows`: a row of a table may be given unread, as one of its numbers is asked for next.
         NotRecheckedError for a bool that is neither known nor a proposition.
         """
-        value = super().value(e, frame)
+        value = super().value_of(e, frame)
         if isinstance(value, Rows) and not rows:
             value = extras.array_elements.row_values(self.operations, value)
         if isinstance(e.type, (IntType, DurationType)) and isinstance(value, Linear):
@@ -425,19 +425,19 @@ class SymbolicReader(CodeReader):
             make.is_rounded = False
 
     def _field_value(self, e: t.TypedField, frame: CallFrame) -> Value:
-        target = self.value(e.target, frame, rows=True)
+        target = self.value_of(e.target, frame, rows=True)
         if isinstance(target, Rows):
             column = [row[e.index] for row in target.elements]
             return extras.array_elements.element_at(self.operations, column, target.index)
         return target[e.index]
 
     def _element_value(self, e: t.Index, frame: CallFrame) -> Value:
-        target, index = self.value(e.target, frame, rows=True), self.value(e.index, frame)
+        target, index = (self.value_of(e.target, frame, rows=True), self.value_of(e.index, frame))
         if isinstance(target, Rows):
             return extras.array_elements.element_of_table(self.operations, target, index)
         if isinstance(index, Linear):
             return extras.array_elements.element_at(self.operations, target, index)
-        return target[in_range(index, len(target))]
+        return target[index_in_range(index, len(target))]
 
     def _topic_value(self, e: t.TopicRead, _: CallFrame) -> Value:
         if e.topic not in self.surroundings.topics:

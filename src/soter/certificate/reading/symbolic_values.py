@@ -50,7 +50,7 @@ def as_truth(x: bool | Proposition) -> Proposition:
 
 
 def as_bool(x: Proposition) -> bool | Proposition:
-    """The bool that a decided proposition is; another one is given back."""
+    """The bool that a decided proposition is; an undecided proposition is given back."""
     return x.value if x.kind == "constant" else x
 
 
@@ -104,7 +104,7 @@ def symbolic_int(x: Linear) -> Linear:
     return SymbolicInt(x.const, x.terms, x.radius, x.low, x.high, x.nonnegative)
 
 
-def in_range(index: int, size: int) -> int:
+def index_in_range(index: int, size: int) -> int:
     """The index, if it is in range; otherwise StepFault."""
     if 0 <= index < size:
         return index

@@ -79,7 +79,7 @@ class AffineForms:
         n = len(states)
         self.length = (4 + symbols + noisy) * n
         """How many numbers a form has: ends, centres, coefficients on symbols, rests; noises."""
-        inputs = [make.input(i) for i in range(self.length)]
+        inputs = [make.input_at(i) for i in range(self.length)]
         self.centre = dict(zip(states, inputs[2 * n :], strict=False))
         self.symbol = {a: inputs[3 * n + i * symbols :] for i, a in enumerate(states)}
         self.rest = dict(zip(states, inputs[(3 + symbols) * n :], strict=False))
@@ -107,20 +107,20 @@ class AffineForms:
         self.rows[index] = {index: self.make.one}, self.make.zero, self.make.zero
         self.bounds[index] = self.make.constant(low), self.make.constant(high)
 
-    def cached(self, kind: str, x: object, made_of: Callable[[Any], Any]) -> Any:  # noqa: ANN401
-        """The value `made_of(x)`, computed once for each kind and x."""
+    def value_made_once(self, kind: str, x: object, made_of: Callable[[Any], Any]) -> Any:  # noqa: ANN401
+        """The value `made_of(x)`, made once for each kind and x."""
         key = (kind, id(x))
         if key not in self._known:
             self._keep.append(x)
             self._known[key] = made_of(x)
         return self._known[key]
 
-    def row(self, x: Linear) -> Row:
-        """Coefficients over the states, the constant, the spread; all atoms replaced by lines."""
-        row: Row = self.cached("row", x, self._make_row)
+    def row_of(self, x: Linear) -> Row:
+        """The row of a term: coefficients over states and free inputs, a constant, a spread."""
+        row: Row = self.value_made_once("row", x, self._new_row)
         return row
 
-    def _make_row(self, x: Linear) -> Row:
+    def _new_row(self, x: Linear) -> Row:
         columns: dict[int, list[Value]] = {}
         constants: list[arb | Value] = [x.const]
         spreads: list[arb | Value] = [x.radius]
@@ -161,15 +161,15 @@ class AffineForms:
 
     def term_ends(self, x: Linear) -> Ends:
         """The ends of a term's range on the set; limits that are reached exactly stay exact."""
-        ends: Ends = self.cached("range", x, self._make_range)
+        ends: Ends = self.value_made_once("range", x, self._new_range)
         return ends
 
-    def _make_range(self, x: Linear) -> Ends:
-        low, high = self.row_ends(self.row(x))
+    def _new_range(self, x: Linear) -> Ends:
+        low, high = self.row_ends(self.row_of(x))
         states = sum(a in self.centre for a in x.terms)
         others = any(self.terms.atoms[a].kind not in ("state", "box") for a in x.terms)
         if states == (0 if others else 1):
-            low, high = self.tighter_ends(low, high, *self.range_by_atoms(x))
+            low, high = self.tighter_ends(low, high, *self.term_ends_by_atoms(x))
         if x.nonnegative:
             low = self.make.apply("larger", low, self.make.zero)
         if x.rounds:
@@ -183,8 +183,8 @@ class AffineForms:
         """The tighter ends of two ranges, both of which hold."""
         return self.make.apply("larger", low, least), self.make.apply("smaller", high, most)
 
-    def range_by_atoms(self, x: Linear) -> Ends:
-        """The range of a term from the ranges of its atoms, exact where a limit is reached."""
+    def term_ends_by_atoms(self, x: Linear) -> Ends:
+        """The range of a term from ranges of its atoms; it is exact where a limit is reached."""
         lows: list[arb | Value] = [x.const - x.radius]
         highs: list[arb | Value] = [x.const + x.radius]
         for a, c in x.terms.items():
@@ -206,7 +206,9 @@ def enter_atoms(forms: AffineForms, roots: Sequence[Linear | Proposition]) -> No
         if atom.kind in ("state", "box"):
             forms.enter_box(index, atom)
             continue
-        forms.rows[index], forms.bounds[index] = _ATOMS.get(atom.kind, _function_rule)(forms, atom)
+        forms.rows[index], forms.bounds[index] = _ATOMS.get(atom.kind, _enclose_function)(
+            forms, atom
+        )
         if atom.kind not in ("spread", "table"):  # of these only a range is known
             _replace_row_by_range(forms, index)
 
@@ -226,16 +228,15 @@ def _scale_row(weight: Value, row: dict[int, Value]) -> dict[int, Value]:
 
 
 def _add_rows(forms: AffineForms, rows: Sequence[dict[int, Value]]) -> dict[int, Value]:
-    """The sum of several rows."""
     columns = dict.fromkeys(j for row in rows for j in row)
     return {j: forms.make.sum([row[j] for row in rows if j in row]) for j in columns}
 
 
-def _function_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
+def _enclose_function(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
     """Row and range of a function: its line, with the rows of its arguments in their places."""
     make = forms.make
     ends = [end for x in atom.arguments for end in forms.term_ends(x)]
-    rows, constants, rests = zip(*map(forms.row, atom.arguments), strict=True)
+    rows, constants, rests = zip(*map(forms.row_of, atom.arguments), strict=True)
     parts = make.apply_for_parts(f"line_{atom.kind}", len(rows) + 4, *ends)
     *slopes, offset, spread, least, most = parts
     if not atom.extra.is_zero():
@@ -251,13 +252,13 @@ def _function_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
     return line, (least, most)
 
 
-def _max0_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
-    """Row and range of max(x, 0): free inputs of x are noise, unless x is never negative."""
+def _enclose_max0(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
+    """Row and range of max(x, 0): free inputs in x are noise, unless x is never negative."""
     make, (x,) = forms.make, atom.arguments
-    row, constant, rest = forms.row(x)
+    row, constant, rest = forms.row_of(x)
     states, middle, noise = forms.row_over_states((row, constant, rest))
     if noise is make.zero:
-        return _function_rule(forms, atom)
+        return _enclose_function(forms, atom)
     ends = forms.row_ends((states, middle, make.zero))
     slope, kept, offset, spread = make.apply_for_parts("line_noisy_max0", 4, *ends, noise)
     free = {a: f for a, f in row.items() if a in forms.free}
@@ -271,14 +272,14 @@ def _max0_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
     return line, (low, high)
 
 
-def _product_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
+def _enclose_product(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
     """Row and range of a b = a_m b + b_m a - a_m b_m + (a - a_m) (b - b_m), a_m, b_m middles."""
     make = forms.make
     ends = [forms.term_ends(x) for x in atom.arguments]
     a_m, b_m = (make.apply("mid", (low + high) * HALF) for low, high in ends)
     pairs = zip(ends, (a_m, b_m), strict=True)
     radius_a, radius_b = (make.apply("max", high - m, m - low) for (low, high), m in pairs)
-    (row_a, constant_a, spread_a), (row_b, constant_b, spread_b) = map(forms.row, atom.arguments)
+    (row_a, constant_a, spread_a), (row_b, constant_b, spread_b) = map(forms.row_of, atom.arguments)
     line = (
         _add_rows(forms, [_scale_row(b_m, row_a), _scale_row(a_m, row_b)]),
         b_m * constant_a + a_m * constant_b - a_m * b_m,
@@ -288,7 +289,7 @@ def _product_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
     return line, (low, high)
 
 
-def _extreme_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
+def _enclose_extreme(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
     """Row and range of min(a, b) = b - rest or max(a, b) = b + rest: a or b alone if certain."""
     b, rest, a = atom.arguments
     make, sign = forms.make, -ONE if atom.kind == "min" else ONE
@@ -299,7 +300,7 @@ def _extreme_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
     truth = make.apply("negative", *known)  # then it is b, else if certain a
     weights = [make.apply("by_truth", truth, *w) for w in ((ONE, ZERO, ONE), (ZERO, ONE, ZERO))]
     weights.append(make.apply("by_truth", truth, ZERO, ZERO, sign))
-    parts = list(zip(weights, map(forms.row, (b, a, rest)), strict=True))
+    parts = list(zip(weights, map(forms.row_of, (b, a, rest)), strict=True))
     line = (
         _add_rows(forms, [_scale_row(w, row) for w, (row, _, _) in parts]),
         make.sum([make.apply("share", w, constant) for w, (_, constant, _) in parts]),
@@ -312,7 +313,7 @@ def _extreme_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
     return line, forms.tighter_ends(low, high, low_b + sign * least, high_b + sign * most)
 
 
-def _choice_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
+def _enclose_choice(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
     """Row and range of a choice: a or b where it is certain, else (a + b)/2 +- |a - b|/2."""
     make = forms.make
     a, b, difference = atom.arguments
@@ -321,7 +322,7 @@ def _choice_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
     (low_a, high_a), (low_b, high_b), (low, high) = map(forms.term_ends, (a, b, difference))
     gap = make.apply("max", high, -low) * HALF
     weights = [make.apply("by_truth", truth, *w) for w in ((ONE, ZERO, HALF), (ZERO, ONE, HALF))]
-    parts = list(zip(weights, map(forms.row, (a, b)), strict=True))
+    parts = list(zip(weights, map(forms.row_of, (a, b)), strict=True))
     spreads = [make.apply("share", w, spread) for w, (_, _, spread) in parts]
     line = (
         _add_rows(forms, [_scale_row(w, row) for w, (row, _, _) in parts]),
@@ -333,13 +334,13 @@ def _choice_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
     return line, (low, make.apply("by_truth", truth, high_a, high_b, most))
 
 
-def _apart_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
+def _enclose_difference(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
     """Row and range of a difference; the range is no wider than those of its two numbers allow."""
     ends, (low, high), (least, most) = map(forms.term_ends, atom.arguments)
-    return forms.row(atom.arguments[0]), forms.tighter_ends(low - most, high - least, *ends)
+    return forms.row_of(atom.arguments[0]), forms.tighter_ends(low - most, high - least, *ends)
 
 
-def _spread_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
+def _enclose_spread(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
     """Row and range of any number no larger than the weighted sum of the arguments' sizes."""
     size = forms.make.sum(
         weight * forms.make.apply("max", *map(abs, forms.term_ends(x)))
@@ -350,11 +351,11 @@ def _spread_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
 
 def truth_value(forms: AffineForms, x: Proposition) -> Value:
     """The value of a proposition's bits: bit 0: it may be false, bit 1: it may be true."""
-    bits: Value = forms.cached("truth", x, partial(_make_truth, forms))
+    bits: Value = forms.value_made_once("truth", x, partial(_new_truth, forms))
     return bits
 
 
-def _make_truth(forms: AffineForms, x: Proposition) -> Value:
+def _new_truth(forms: AffineForms, x: Proposition) -> Value:
     make = forms.make
     if x.kind == "constant":
         return make.constant(CERTAIN if x.value else 1)
@@ -371,15 +372,15 @@ def demand_truths(forms: AffineForms, must: Sequence[Proposition]) -> None:
 
 
 _ATOMS: dict[str, Callable[[AffineForms, Atom], tuple[Row, Ends]]] = {
-    "max0": _max0_rule,
-    "product": _product_rule,
-    "apart": _apart_rule,
-    "choice": _choice_rule,
-    "spread": _spread_rule,
-    "min": _extreme_rule,
-    "max": _extreme_rule,
-    "any": lambda *values: extras.sc_locals_and_modes.any_rule(*values),  # noqa: PLW0108 - an extra
-    "table": lambda *values: extras.array_elements.table_rule(*values),  # noqa: PLW0108 - an extra
+    "max0": _enclose_max0,
+    "product": _enclose_product,
+    "apart": _enclose_difference,
+    "choice": _enclose_choice,
+    "spread": _enclose_spread,
+    "min": _enclose_extreme,
+    "max": _enclose_extreme,
+    "any": lambda *values: extras.sc_locals_and_modes.enclose_any(*values),  # noqa: PLW0108 - an extra
+    "table": lambda *values: extras.array_elements.enclose_element(*values),  # noqa: PLW0108 - an extra
 }
 
 
@@ -402,7 +403,9 @@ def compile_step(
     enter_atoms(forms, [*outputs, *ranges, *must])
     demand_truths(forms, must)
     flat = [end for x in outputs for end in forms.term_ends(x)]
-    centres, rows, rests = zip(*(forms.row_over_form(forms.row(x)) for x in outputs), strict=True)
+    centres, rows, rests = zip(
+        *(forms.row_over_form(forms.row_of(x)) for x in outputs), strict=True
+    )
     flat += [*centres, *(g for row in rows for g in row), *rests]
     ends = [
         apply_operation(name, end)
@@ -434,8 +437,8 @@ def compile_lines(
     demand_truths(forms, must)
     entries = []
     for x in outputs:
-        row, constant, spread = forms.row_over_states(forms.row(x))
-        ends = forms.tighter_ends(*forms.term_ends(x), *forms.range_by_atoms(x))
+        row, constant, spread = forms.row_over_states(forms.row_of(x))
+        ends = forms.tighter_ends(*forms.term_ends(x), *forms.term_ends_by_atoms(x))
         entries += [*(row.get(a, forms.make.zero) for a in inputs), constant, spread, *ends]
     return Function(forms.make, forms.length, entries)
 

@@ -98,7 +98,7 @@ def range_between(
 def range_after(
     low: arb, high: arb, low_after: arb, high_after: arb, factor: arb, rest: arb, grown: arb
 ) -> tuple[arb, arb]:
-    """The range of a state x after a time: the known one, narrowed as in `range_between`."""
+    """The range of a state after a time: the known one, narrowed as `range_between` does."""
     down, up = arb((factor * low + rest).lower()), arb((factor * high + rest).upper())
     return (
         low_after.max(low + down.min(ZERO) * grown),
@@ -106,7 +106,7 @@ def range_after(
     )
 
 
-def growth(factor: arb, span: arb) -> arb:
+def growth_bound(factor: arb, span: arb) -> arb:
     """An upper bound of the integral of e^{factor s} over [0, span]."""
     if factor > 0 or factor < 0:
         return arb((((factor * span).exp() - 1) / factor).upper())
@@ -123,7 +123,7 @@ def choose_by_truth(truth: int, yes: arb, no: arb, both: arb) -> arb:
     return yes if truth == 2 else (no if truth == 1 else both)
 
 
-def weighted(weight: arb, x: arb) -> arb:
+def weighted_ball(weight: arb, x: arb) -> arb:
     """`weight * x`; a weight of 0 gives 0, also where x is infinite or no number."""
     return ZERO if weight.is_zero() else weight * x
 
@@ -165,7 +165,7 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
     "and": lambda a, b: ((a | b) & 1) | (a & b & 2),
     "or": lambda a, b: ((a | b) & 2) | (a & b & 1),
     "by_truth": choose_by_truth,
-    "share": weighted,
+    "share": weighted_ball,
     DEMAND: require_certain,
 }
 
@@ -233,7 +233,7 @@ class Builder:
         self._known: dict[object, Value] = {}
         self.zero, self.one, self._minus_one = map(self.constant, (ZERO, ONE, -ONE))
 
-    def _value(self, operation: str, arguments: tuple[Value, ...], content: Any = None) -> Value:  # noqa: ANN401
+    def _unique(self, operation: str, arguments: tuple[Value, ...], content: Any = None) -> Value:  # noqa: ANN401
         key = operation, tuple(map(id, arguments)), content
         if key not in self._known:
             self._known[key] = Value(self, operation, arguments, content)
@@ -249,9 +249,9 @@ class Builder:
             self.values.append(self._known[key])
         return self._known[key]
 
-    def input(self, place: int) -> Value:
+    def input_at(self, place: int) -> Value:
         """The value of the number at a place of the form."""
-        return self._value(INPUT, (), place)
+        return self._unique(INPUT, (), place)
 
     def apply(self, operation: str, *arguments: Any, content: Any = None) -> Value:  # noqa: ANN401
         """Enters an operation of `OPERATIONS` on values and constants, and returns its result.
@@ -263,18 +263,18 @@ class Builder:
         if operation == DEMAND:
             (truth,) = values
             known = truth.is_constant and truth.content == CERTAIN
-            return truth if known else self._value(DEMAND, (truth,))
+            return truth if known else self._unique(DEMAND, (truth,))
         if all(x.is_constant for x in values):
             known = [x.content for x in values]
             return self.constant(
                 known[0][content] if operation == PART else operation_named(operation)(*known)
             )
         simple = operation in ("add", "sub", "mul", "share")
-        same = self._trivial_result(operation, *values) if simple else None
-        return self._value(operation, tuple(values), content) if same is None else same
+        same = self._result_without_operation(operation, *values) if simple else None
+        return self._unique(operation, tuple(values), content) if same is None else same
 
-    def _trivial_result(self, operation: str, x: Value, y: Value) -> Value | None:
-        """The value of x op y where no operation is needed, else None.
+    def _result_without_operation(self, operation: str, x: Value, y: Value) -> Value | None:
+        """The result of x op y where no operation is needed, else None.
 
         0 times an unbounded value is 0: wherever the obligations hold that value is a number.
         """
@@ -315,7 +315,7 @@ def apply_operation(operation: str, *arguments: Any, parts: int = 0) -> Any:  # 
 class Function:
     """Runs a program on a form: gives the outputs, or None where a demand is not certain.
 
-    `after`: the outputs come as two tuples, with so many in the first one.
+    `after`: how many outputs are in the first of two tuples; None: all come in one tuple.
     """
 
     def __init__(
@@ -349,7 +349,7 @@ class Function:
             raise AssertionError("a form of another length")
         if Value in map(type, form):
             make = next(x.make for x in form if isinstance(x, Value))
-            return self._write_down(make, form)
+            return self._enter_in_program(make, form)
         values: list[Any] = [*form, *self._constants]
         keep = values.append
         try:
@@ -362,16 +362,16 @@ class Function:
                     keep(operation(values[one], values[other]))
         except NotCertainError:
             return None
-        return self._outputs_among(values)
+        return self._outputs_out_of(values)
 
-    def _write_down(self, make: Builder, form: Sequence[Number]) -> Any:  # noqa: ANN401
+    def _enter_in_program(self, make: Builder, form: Sequence[Number]) -> Any:  # noqa: ANN401
         values: list[Any] = [*form, *self._constants]
         for operation, content, places in self._named:
             arguments = [values[k] for k in places]
             values.append(make.apply(operation, *arguments, content=content))
-        return self._outputs_among(values)
+        return self._outputs_out_of(values)
 
-    def _outputs_among(self, values: Sequence[Any]) -> Any:  # noqa: ANN401
+    def _outputs_out_of(self, values: Sequence[Any]) -> Any:  # noqa: ANN401
         made = tuple([values[k] for k in self._wanted])
         return made if self._after is None else (made[: self._after], made[self._after :])
 

@@ -58,7 +58,7 @@ class Linear:
     rests: tuple[Proposition, ...] = ()
     """What must hold so that all this is so: elsewhere the machine may have any number, or none."""
     rounds: Linear | None = None
-    """What it is the nearest double to, or an infinity: its range is that of this one, rounded."""
+    """The term whose nearest double, or an infinity, it is: its range is that of it, rounded."""
 
     @property
     def is_constant(self) -> bool:
@@ -125,7 +125,7 @@ def negation(a: Proposition) -> Proposition:
     return Proposition("not", (a,))
 
 
-def both(a: Proposition, b: Proposition) -> Proposition:
+def and_of(a: Proposition, b: Proposition) -> Proposition:
     """The proposition "`a` and `b`", simplified where one is known."""
     if a.kind == "constant":
         return b if a.value else a
@@ -134,7 +134,7 @@ def both(a: Proposition, b: Proposition) -> Proposition:
     return Proposition("and", (a, b))
 
 
-def either(a: Proposition, b: Proposition) -> Proposition:
+def or_of(a: Proposition, b: Proposition) -> Proposition:
     """The proposition "`a` or `b`", simplified where one is known."""
     if a.kind == "constant":
         return a if a.value else b
@@ -149,14 +149,14 @@ def choice_of_truths(c: Proposition, a: Proposition, b: Proposition) -> Proposit
     It is also true where a and b hold: there it does not matter whether c is certain.
     """
     if a.kind == "constant":
-        return either(c, b) if a.value else both(negation(c), b)
+        return or_of(c, b) if a.value else and_of(negation(c), b)
     if b.kind == "constant":
-        return either(negation(c), a) if b.value else both(c, a)
-    return either(either(both(c, a), both(negation(c), b)), both(a, b))
+        return or_of(negation(c), a) if b.value else and_of(c, a)
+    return or_of(or_of(and_of(c, a), and_of(negation(c), b)), and_of(a, b))
 
 
 def conjuncts(a: Proposition) -> list[Proposition]:
-    """The conjuncts of a proposition, each once; together they say the same as it."""
+    """The parts of a proposition, each once, of which it is the conjunction."""
     found, todo = [], [(a, True)]  # whether it holds, or does not
     for x, yes in todo:
         if x.kind in ("not", "and" if yes else "or"):
@@ -186,7 +186,7 @@ class Terms:
 
     def add_obligation(self, truth: Proposition) -> None:
         """Adds the obligation that `truth` holds wherever the code being read runs."""
-        demand = either(negation(self.path), truth)
+        demand = or_of(negation(self.path), truth)
         known = demand.kind == "constant" and demand.value
         if not known and demand not in self.obligations:
             self.obligations.append(demand)
@@ -214,7 +214,7 @@ class Terms:
         return self.add_atom(Atom(name, arguments, low=least, high=most), nonnegative=nonnegative)
 
     def is_outside_state(self, x: Linear) -> bool:
-        """Whether x is the state that lies outside of its grid, and so never at the grid's end."""
+        """Whether x is the state outside of its grid, which is never at the end of the grid."""
         return self.outside in x.terms and len(x.terms) == 1 and x.radius.is_zero()
 
     # ------------------------------------------------------------ linear operations
@@ -224,22 +224,22 @@ class Terms:
         x = exact(value)
         return Linear(x, {}, ZERO, x, x, nonnegative=value >= 0)
 
-    def rounded(self, x: Linear) -> Linear:
+    def rounded_term(self, x: Linear) -> Linear:
         """`x` as a machine rounds it to the nearest double.
 
         Where it may leave the range of doubles, `beyond` of the result says when it does not.
         """
         relative = UNIT_ROUNDOFF * (1 + UNIT_ROUNDOFF)
-        if beyond := self.beyond(x):
-            enclosure = self.combine(((ONE, x), (ONE, self.spread([relative], [x]))))
+        if beyond := self.no_overflow_conditions(x):
+            enclosure = self.combine(((ONE, x), (ONE, self.term_within_sizes([relative], [x]))))
             enclosure.nonnegative, enclosure.rounds = x.nonnegative, x
             return replace(enclosure, radius=enclosure.radius + TINIEST, beyond=beyond)
         error = magnitude(x.low).max(magnitude(x.high)) * relative + TINIEST
         ends = exact(lower(x.low)), exact(upper(x.high))  # rounding is monotone
         return Linear(x.const, x.terms, x.radius + error, *ends, x.nonnegative, rounds=x)
 
-    def beyond(self, x: Linear) -> tuple[Proposition, ...]:
-        """The propositions under which a machine that computes about `x` has no infinity."""
+    def no_overflow_conditions(self, x: Linear) -> tuple[Proposition, ...]:
+        """The propositions under which a machine that computes about `x` gets no infinity."""
         if magnitude(x.low).max(magnitude(x.high)) < LARGEST:
             return ()
         return tuple(self.below_zero(self.combine(((s, x),), -LARGEST)) for s in (ONE, -ONE))
@@ -302,7 +302,7 @@ class Terms:
         """The quotient a / b, with the obligation that b is not 0."""
         if b.is_constant and b.radius.is_zero() and not b.const.is_zero():
             return self.combine(((1 / b.const, a),))
-        self.add_obligation(either(self.below_zero(b), self.below_zero(self.combine(((-ONE, b),)))))
+        self.add_obligation(or_of(self.below_zero(b), self.below_zero(self.combine(((-ONE, b),)))))
         return self._soft_sign_quotient(a, b) or self.multiply(a, self.apply_function("inverse", b))
 
     def _soft_sign_quotient(self, a: Linear, b: Linear) -> Linear | None:
@@ -375,8 +375,8 @@ class Terms:
             nonnegative=a.nonnegative and b.nonnegative,
         )
 
-    def spread(self, weights: Sequence[arb], arguments: Sequence[Linear]) -> Linear:
-        """Any number within sum weight |argument|; 0 where all weights are 0."""
+    def term_within_sizes(self, weights: Sequence[arb], arguments: Sequence[Linear]) -> Linear:
+        """A term for any number within sum weight |argument|; 0 where all weights are 0."""
         kept = [(w, x) for w, x in zip(weights, arguments, strict=True) if not w.is_zero()]
         if not kept:
             return self.constant(0.0)
@@ -407,11 +407,10 @@ class Terms:
         if is_same_number(a, b):  # however it was rounded; that it is no NaN is an obligation
             return FALSE if op == "<" else TRUE
         if op == "==":
-            return both(self._less(a, b, strict=False), self._less(b, a, strict=False))
-        return self._less(a, b, strict=op == "<")
+            return and_of(self._less_than(a, b, strict=False), self._less_than(b, a, strict=False))
+        return self._less_than(a, b, strict=op == "<")
 
-    def _less(self, a: Linear, b: Linear, *, strict: bool) -> Proposition:
-        """The proposition `a < b`, or `a <= b`, by their difference and by the range of each."""
+    def _less_than(self, a: Linear, b: Linear, *, strict: bool) -> Proposition:
         difference = self.subtract(a, b)
         less = self.below_zero(difference, strict=strict)
         plain = (a.is_constant or b.is_constant) and (a.rounds or b.rounds) is None

@@ -68,16 +68,16 @@ def recheck_rest(flat: System, entry: dict[str, Any]) -> tuple[Facts, RecheckedM
         try:
             show()
         except NotRecheckedError:
-            if facts.times["d_ns"] == facts.own.delay:
+            if facts.times["d_ns"] == facts.derived.delay:
                 raise
-            facts.times["d_ns"] = facts.own.delay  # older reads may be too much for our bounds
+            facts.times["d_ns"] = facts.derived.delay  # older reads may be too much for our bounds
             show()
     facts.in_sets = tuple(bounded_topics(facts))  # a part of C
     report = RecheckedModule(entry["module"], dict(entry["claims"]), system=flat.name)
     report.confirmed = [c for c in CLAIMS if c in claims]
     assumed = [*_map_assumptions(problem), *_largest_assumptions(problem), SOUND]
     report.assumptions = [*assumptions_of(facts), *(RecheckAssumption(*a) for a in assumed)]
-    report.stays = bool(facts.symbol.stays)
+    report.stays = bool(facts.symbol.stay_clause)
     report.safe = " ".join(facts.symbol.safe.span.text.split())
     report.times = {**facts.times, "start_ns": facts.start_ns, "alpha_ns": problem.times.alpha}
     report.in_flight = "P2a" in claims  # else nothing is shown of what its DM decides
@@ -131,7 +131,7 @@ def entries_of_plans(
 
 
 def _plans_alone(flat: System, name: str) -> Iterator[tuple[str, System]]:
-    """Each plan of a module, in order, with the system in which it alone is SC.
+    """Each plan of a module, in order, with the system in which this plan alone is SC.
 
     NotRecheckedError where SC, at the number of a plan, does not do what that plan does.
     """
@@ -200,7 +200,7 @@ def tube_of_entry(flat: System, entry: dict[str, Any]) -> ModuleTube:
 
 
 def _make_tube(problem: RestProblem, ways: dict[int, Range], collects: object) -> ModuleTube:
-    """Makes the tube of a module; RejectedError where it collects in no state, or at no numbers."""
+    """Makes the tube of a module; RejectedError where `collects` names no followed state."""
     if collects is None:
         return ModuleTube(problem, ways)
     require_keys(collects, "state at", COLLECTS)
@@ -219,7 +219,6 @@ def _functions_that_show(
     ways: dict[int, Range],
     tube: Callable[[], ModuleTube],
 ) -> Iterator[Callable[[], None]]:
-    """Functions that show the claims; they raise NotRecheckedError or RejectedError if not."""
     if "P2a" in claims:
         yield partial(show_answers, problem)
         yield partial(show_rule_1, problem, box, ways)
@@ -249,7 +248,7 @@ def _moves_entry(problem: RestProblem) -> dict[str, list[str | None]]:
 
 
 def _free_states(problem: RestProblem, entry: object) -> dict[int, Range]:
-    """The states of which an entry claims nothing at rest, though `moves` does not name them.
+    """The states, beside those that `moves` names, of which an entry claims nothing at rest.
 
     That may be said of states without ends: all claims then hold wherever they are.
     NotRecheckedError where `rest`, or one of their rates, reads one of them.

@@ -1,4 +1,4 @@
-"""The re-checker's tubes of a module whose check in flight collects runs beyond a kink of SC.
+"""Tubes for a module whose check in flight lets runs go on together beyond a kink of SC.
 
 Purpose: `CollectingTube` follows SC as `ModuleTube` does, and lets runs go on together that are
 beyond a number, in one state, at one of SC's outputs.
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 class CollectingTube(ModuleTube):
-    """A `ModuleTube` that collects beyond `ends`, low < high, of the state at `place`."""
+    """A `ModuleTube` in which runs beyond `ends`, low < high, of one state go on together."""
 
     def __init__(
         self, problem: RestProblem, ways: Mapping[int, Range], place: int, ends: tuple[arb, arb]
@@ -39,7 +39,7 @@ class CollectingTube(ModuleTube):
         self._place, self._ends = place, ends
 
     def why_not_settled_at(self, body: StateSet, pieces: int, used: int = 0) -> str | None:
-        """As a `ModuleTube` has it, but runs from below collect at `low`, others at `high`."""
+        """The reason, as for a `ModuleTube`; runs from below collect at `low`, others at `high`."""
         (low, high), (least, most) = self._ends, body.box[self._place]
         upwards = bool(least < low)
         if not (upwards or most > high):
@@ -54,7 +54,7 @@ class CollectingTube(ModuleTube):
             beyond, left = (above, below) if upwards else (below, above)
             met = _hull_of_boxes(met, beyond)
             if not left:
-                return super().why_not_settled_at(StateSet.of_box(met), pieces, n)
+                return super().why_not_settled_at(StateSet.from_box(met), pieces, n)
             if late:
                 left = self.chain.flow.enclose(left, self.chain.flow.ranges, -late, NOW).box
             ends = _common_part(body.box[self._place], left[self._place])
@@ -67,7 +67,7 @@ class CollectingTube(ModuleTube):
         return "SC is not certainly at rest in time"
 
     def _parts_below_and_above(self, box: Box, at: arb) -> tuple[Box, Box]:
-        """The parts of a box below and above a number, in the state at `place`; [] for none."""
+        """The parts of a box below and above `at` in the state at `place`; [] for none."""
         (low, high), before, behind = box[self._place], box[: self._place], box[self._place + 1 :]
         below = [] if low > at else [*before, (low, high.min(at)), *behind]
         return below, [] if high < at else [*before, (low.max(at), high), *behind]

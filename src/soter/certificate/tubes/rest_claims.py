@@ -37,10 +37,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from flint import arb
 
 from soter.certificate.grid.flow_chains import NOW
-from soter.certificate.reading.case_model import (
-    control_inputs,
-    other_ends,
-)
+from soter.certificate.reading.case_model import ends_of_other_states, new_command_terms
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.compile_terms import all_certain, compile_lines, form_of_box
 from soter.certificate.terms.linear_enclosures import (
@@ -204,16 +201,16 @@ def show_rule_1(problem: RestProblem, box: Ranges, ways: Ranges) -> None:
         if turning.issuperset(group):
             continue
         flow = TubeFlow(model, group)
-        chain = TubeChain(model, group, flow, times.chain, problem.messages(group))
+        chain = TubeChain(model, group, flow, times.chain, problem.topics_of(group))
         start, way, end = (_box_of_states(of, group) for of in every)
         if not _box_returns(chain, start, way, end, times.switches, 0):
             raise NotRecheckedError("P2a: SC does not certainly lead back to where `rest` holds")
 
 
 def _state_groups(model: RestModel, members: Sequence[int]) -> list[tuple[int, ...]]:
-    """Groups of states: no rate or command of one group reads a state of another group."""
+    """Groups of states of which no rate and no command reads a state of another group."""
     terms, states = model.new_terms()
-    controls = control_inputs(model.facts, terms)
+    controls = new_command_terms(model.facts, terms)
     commands, (rates, _) = model.sc_commands(terms, states), model.rates(terms, states, controls)
     groups: list[set[int]] = []
     for s in members:
@@ -227,7 +224,7 @@ def _state_groups(model: RestModel, members: Sequence[int]) -> list[tuple[int, .
 
 
 def _box_returns(chain: TubeChain, start: Box, way: Box, end: Box, holds: int, cut: int) -> bool:
-    """Whether every rest run from `start` is in `way` until some output acts within `end`."""
+    """Whether all runs from `start` are in `way` until some output acts within `end`, in parts."""
     if _leads_back(chain, start, way, end, holds, PIECES[min(cut, len(PIECES) - 1)]):
         return True
     if cut == SPLITS:
@@ -248,7 +245,7 @@ def _box_returns(chain: TubeChain, start: Box, way: Box, end: Box, holds: int, c
 
 def _leads_back(chain: TubeChain, start: Box, way: Box, end: Box, holds: int, pieces: int) -> bool:
     """Whether a chain from `start` is in `way` until all states of a later switch are in `end`."""
-    body, late = StateSet.of_box(start), bool(chain.span)
+    body, late = StateSet.from_box(start), bool(chain.span)
     try:
         for n in range(holds + 1):
             if n and not late and is_inside(body.box, end):
@@ -279,7 +276,7 @@ def _show_rest_only_in(problem: RestProblem, box: Ranges) -> None:
     rest = ConditionOnBoxes(
         model,
         problem.followed,
-        lambda t, x: model.predicate(t, x, problem.rest.condition, errors=False),
+        lambda t, x: model.truth_of(t, x, problem.rest.condition, errors=False),
     )
     at = {s: (exact(a), exact(b)) for s, (a, b) in enumerate(problem.facts.extents)}
     for s in problem.returning_states:
@@ -294,7 +291,7 @@ def _show_rest_only_in(problem: RestProblem, box: Ranges) -> None:
 
 
 def _holds_somewhere(rest: ConditionOnBoxes, box: Box) -> bool:
-    """Whether a condition certainly holds in one of some hundred states of a box."""
+    """Whether a condition certainly holds at one of some hundred points of a box."""
     draw, ends = random.Random(0), [(lower(a), upper(b)) for a, b in box]  # noqa: S311 - no secret
     usual = [(a / 2 + b / 2, min(max(0.0, a), b), a, b) for a, b in ends]
     points = [[draw.choice((*u, draw.uniform(u[2], u[3]))) for u in usual] for _ in range(TRIED)]
@@ -305,7 +302,7 @@ def _holds_somewhere(rest: ConditionOnBoxes, box: Box) -> bool:
 def _is_false_on_slab(
     rest: ConditionOnBoxes, problem: RestProblem, at: dict[int, tuple[arb, arb]], s: int, cut: int
 ) -> bool:
-    """Whether `rest` certainly holds nowhere where state `s` is in its range, halved if needed."""
+    """Whether `rest` certainly fails wherever state `s` is in its range, halved if need be."""
     if rest.is_certainly_false([at[k] for k in problem.followed]):
         return True
     if cut == HALVINGS:
@@ -320,7 +317,7 @@ def _is_false_on_slab(
 
 
 class AtRest(NamedTuple):
-    """The range of each state once `rest` holds, and of each command that SC then answers."""
+    """The ranges of the states once `rest` holds, and of the commands that SC then answers."""
 
     states: dict[int, tuple[arb, arb]]
     commands: list[tuple[arb, arb]]
@@ -357,7 +354,7 @@ def _command_ranges(problem: RestProblem, ways: Ranges) -> list[tuple[arb, arb]]
     terms, states = model.new_terms()
     commands = model.sc_commands(terms, states)
     atoms = [states[s].atom for s in members]
-    others = other_ends(model, states, members)
+    others = ends_of_other_states(model, states, members)
     for (low, high), a in zip(box, atoms, strict=True):
         if not (low >= terms.atoms[a].low and high <= terms.atoms[a].high):
             raise NotCertainError
@@ -389,13 +386,12 @@ def _is_growth_below(
 
 
 def _rate_bound(problem: RestProblem, z: int, sign: arb, at_rest: AtRest) -> arb:
-    """An upper bound of `sign` z'."""
     terms, _, rates = _rates(problem, at_rest)
     return terms.combine(((sign, rates[z]),)).high
 
 
 def _outweighing_factor(problem: RestProblem, z: int, sign: arb, x: int, at_rest: AtRest) -> float:
-    """A c for which c |x| outweighs what x adds to z'; 0: x adds nothing; inf: there is no c."""
+    """A c so that c |x| outweighs what x adds to z'; 0: x adds nothing; inf: no c is known."""
     found = [
         _factor_on_side(problem, (z, x), (sign, side), far, at_rest)
         for side, far in zip((-ONE, ONE), at_rest.states[x], strict=True)
@@ -407,7 +403,7 @@ def _outweighing_factor(problem: RestProblem, z: int, sign: arb, x: int, at_rest
 def _factor_on_side(
     problem: RestProblem, of: tuple[int, int], signs: tuple[arb, arb], far: arb, at_rest: AtRest
 ) -> tuple[float, bool]:
-    """The factor on the side `signs[1]` of x = 0, as far as `far`; whether x adds to z' there."""
+    """(the factor on the side `signs[1]` of x = 0, as far as `far`, whether x adds to z' there)."""
     (z, x), (sign, side) = of, signs
 
     def rates_on_span(span: tuple[arb, arb]) -> tuple[Terms, list[Linear], list[Linear]]:

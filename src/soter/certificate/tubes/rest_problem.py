@@ -24,11 +24,11 @@ from typing import TYPE_CHECKING, Any
 
 from flint import arb
 
-from soter.certificate.extras.estimates_and_shield import acted_ns, command_cells
+from soter.certificate.extras.estimates_and_shield import command_cells, command_memory_ns
 from soter.certificate.extras.left_out_states import THIRD, growth_degree, refuse_turns_read
 from soter.certificate.extras.sc_locals_and_modes import check_start_answers
 from soter.certificate.grid.flow_chains import NOW, Times
-from soter.certificate.reading.case_model import CaseModel, control_inputs
+from soter.certificate.reading.case_model import CaseModel, new_command_terms
 from soter.certificate.reading.folder import number_from_hexadecimal
 from soter.certificate.reading.module_facts import (
     DiffersError,
@@ -45,7 +45,7 @@ from soter.certificate.reading.supported_constructs import require_supported
 from soter.certificate.reading.symbolic_values import scalar_leaves, value_of_leaves
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.linear_enclosures import HALF, ONE, ZERO, exact, lower, upper
-from soter.certificate.terms.terms import Terms, atoms_under, both, input_atoms
+from soter.certificate.terms.terms import Terms, and_of, atoms_under, input_atoms
 from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import FloatType, leaf_name, leaves
 
@@ -86,7 +86,7 @@ class RestTimes:
 
     @property
     def start_alpha(self) -> int:
-        """The `alpha` of the start of a run, where h_0 stands for H."""
+        """The `alpha` at the start of a run, where h_0 takes the place of H."""
         return max(0, self.start - self.period - self.jitter)
 
     @property
@@ -135,10 +135,10 @@ class RestProblem:
         """The followed states that `moves` names."""
         return tuple(s for s in self.followed if s in self.drifts)
 
-    def messages(self, states: Iterable[int]) -> list[int]:
+    def topics_of(self, states: Iterable[int]) -> list[int]:
         """For each state the topic by which SC sees it: one message shows one instant.
 
-        For a state that SC does not read any topic will do.
+        For a state that SC does not read it is any topic that shows it.
         """
         return [self.leaves[s][0] for s in states]
 
@@ -185,9 +185,11 @@ class RestModel(CaseModel):
         """New terms, with the states as inputs."""
         return super().new_terms(UNBOUNDED_END if self.far else farthest)
 
-    def topics(self, terms: Terms, states: Sequence[Linear], *, errors: bool) -> dict[int, Any]:
+    def topic_terms(
+        self, terms: Terms, states: Sequence[Linear], *, errors: bool
+    ) -> dict[int, Any]:
         """Topic -> its value in these states, as for a `CaseModel`, and the values of maps."""
-        found = super().topics(terms, states, errors=errors)
+        found = super().topic_terms(terms, states, errors=errors)
         for index in map_topics(self.facts):
             topic = self.facts.system.topics[index]
             if index in self.known:
@@ -219,7 +221,7 @@ def read_rest_problem(
     _require_covered_features(facts)
     _require_maps_in_safe_only(facts, rest)
     setting = facts.setting
-    if setting.first_with_state(0, setting.by_sc) != setting.sc.phase:
+    if setting.release_with_state(0, setting.by_sc) != setting.sc.phase:
         check_start_answers(facts)
     sets = _state_sets(facts)
     facts.extents = tuple((max(a, -LARGEST), min(b, LARGEST)) for a, b in sets.values())
@@ -266,7 +268,7 @@ def _local_ranges(facts: Facts, keeps: Mapping[str, Sequence[str]]) -> Ranges:
 
 
 def read_turns(problem: RestProblem, names: object) -> None:
-    """Enters the angles that need not come back; RejectedError where one may not be such an angle.
+    """Enters the angles that need not come back; RejectedError for a name that is no such angle.
 
     NotRecheckedError beside a rate that jumps. Each angle is taken to be within three times
     `THIRD`, where every term is then read.
@@ -285,7 +287,7 @@ def read_turns(problem: RestProblem, names: object) -> None:
     model = RestModel(facts, (), facts.extents)
     refuse_turns_read(model)
     terms, states = model.new_terms()
-    rates, _ = model.rates(terms, states, control_inputs(facts, terms))
+    rates, _ = model.rates(terms, states, new_command_terms(facts, terms))
     if any(terms.atoms[a].kind == "wrap_angle" for a in atoms_under(terms, rates)):
         raise NotRecheckedError("a rate that jumps beside an angle that turns")
 
@@ -324,7 +326,7 @@ def _require_covered_features(facts: Facts) -> None:
         "parameters of the plants": bool(facts.parameters),
         "a fail-safe law": bool(symbol.failsafe),
         "an abstraction": bool(symbol.verify.abstracts),
-        "modes of other modules": facts.modes,
+        "modes of other modules": facts.reads_any_mode,
         "a grid": bool(symbol.verify.groups),
         "predicates of its own": symbol.ttf is not None or symbol.safer is not None,
     }
@@ -342,12 +344,12 @@ def shield_constants(problem: RestProblem) -> dict[str, int] | None:
     facts = problem.facts
     if facts.symbol.shield is None:
         return None
-    setting, derived = facts.setting, facts.own
+    setting, derived = facts.setting, facts.derived
     cells, least = command_cells(facts), min(e.least for e in setting.effects)
     any_command = derived.h_star - derived.age - setting.dm.period - least
     return {
         "cells": cells,
-        "acted_ns": acted_ns(facts),
+        "acted_ns": command_memory_ns(facts),
         "any_command_ns": min(any_command, facts.times["H_ns"]),
     }
 
@@ -393,8 +395,8 @@ def _followed_states(facts: Facts, rest: RestSymbol) -> tuple[int, ...]:
     terms, states = model.new_terms()
     asked: list[Linear | Proposition] = list(model.sc_commands(terms, states))
     conditions = state_constraint(model, terms, states)
-    asked += [conditions, model.predicate(terms, states, rest.condition, errors=False)]
-    rates, _ = model.rates(terms, states, control_inputs(facts, terms))
+    asked += [conditions, model.truth_of(terms, states, rest.condition, errors=False)]
+    rates, _ = model.rates(terms, states, new_command_terms(facts, terms))
     asked += terms.obligations
     atoms = {x.atom: i for i, x in enumerate(states)}
 
@@ -414,7 +416,7 @@ def _followed_states(facts: Facts, rest: RestSymbol) -> tuple[int, ...]:
 
 
 def cut_point(low: arb, high: arb) -> arb:
-    """The middle of a range; of a very long one a number between the magnitudes of its ends."""
+    """The number at which a range is cut: its middle; of a very long one, one between in size."""
     far, near = abs(low).max(abs(high)), abs(low).min(abs(high)).max(ONE)
     if far < LARGEST / 2**60 and far < near * 2**20:
         return ((low + high) * HALF).mid()
@@ -425,17 +427,17 @@ def cut_point(low: arb, high: arb) -> arb:
 
 
 def may_be_anywhere(problem: RestProblem, states: AbstractSet[int]) -> bool:
-    """Whether `rest`, and these states' rates, read none of these states, so that none may end.
+    """Whether `rest` and the rates of these states read only followed states that are none of them.
 
-    Nor do these rates read another state that is not followed.
+    Then no claim about rest depends on where these states are, and none of them may end.
     """
     facts = problem.facts
     model = RestModel(facts, (), facts.extents, far=False)
     terms, every = model.new_terms()
-    rates, _ = model.rates(terms, every, control_inputs(facts, terms))
+    rates, _ = model.rates(terms, every, new_command_terms(facts, terms))
     bounded = {every[s].atom for s in problem.followed if s not in states}
     atoms = {x.atom for x in every}
-    of_rest = model.predicate(terms, every, problem.rest.condition, errors=False)
+    of_rest = model.truth_of(terms, every, problem.rest.condition, errors=False)
     read = {*input_atoms(terms, [of_rest, *(rates[s] for s in states)])} & atoms
     return read <= bounded
 
@@ -445,23 +447,23 @@ def state_constraint(model: CaseModel, terms: Terms, states: Sequence[Linear]) -
 
     Its obligations, without which it is not defined, are entered in `terms`.
     """
-    held = model.predicate(terms, states, model.facts.symbol.safe, errors=False)
+    held = model.truth_of(terms, states, model.facts.symbol.safe, errors=False)
     for topic in bounded_topics(model.facts):
-        held = both(held, model.topic_in_set(terms, states, topic))
+        held = and_of(held, model.topic_in_set(terms, states, topic))
     return held
 
 
 def _estimate_leaves(facts: Facts) -> dict[int, tuple[int, int]]:
-    """State -> (topic, leaf) in which the DM sees it; a topic that SC reads goes first."""
+    """State -> (topic, leaf) in which the DM sees it; a topic that SC reads, too, goes first."""
     by_dm, by_sc = (set(of) for of in topics_read(facts))
     known = [(at, s) for at, s in states_shown(facts).items() if at[0] in by_dm]
     return {s: at for at, s in sorted(known, key=lambda of: of[0][0] in by_sc)}
 
 
 def _check_sc_reads(facts: Facts, estimate: set[int]) -> None:
-    """NotRecheckedError where SC sees a plant by a topic that the DM does not read: condition 2.
+    """NotRecheckedError where SC sees a plant by a topic that the DM does not read (condition 2).
 
-    So it is where two topics show SC one state, with an age and an error each.
+    So it is where two topics show SC one state, as each has an age and an error of its own.
     """
     _, by_sc = topics_read(facts)
     seen = [state for (topic, _), state in states_shown(facts).items() if topic in by_sc]
@@ -475,7 +477,7 @@ def _check_sc_reads(facts: Facts, estimate: set[int]) -> None:
 
 
 def _drift_ranges(facts: Facts, rest: RestSymbol) -> dict[int, Range]:
-    """State that `moves` names -> how far down and up SC may move it, by `moves`."""
+    """State that `moves` names -> how far down and up SC may move it."""
     found, known = {}, states_shown(facts)
     for move in rest.moves:
         topic = facts.module.scope.topics[move.topic]

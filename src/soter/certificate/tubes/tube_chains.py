@@ -38,7 +38,7 @@ from soter.certificate.grid.chain_form_layout import OpenedForm, absolute_sum
 from soter.certificate.grid.flow_chains import NOW, FlowChain
 from soter.certificate.grid.flow_enclosures import LocalFlow
 from soter.certificate.grid.sc_chains import uncrossed_ends
-from soter.certificate.reading.case_model import other_ends
+from soter.certificate.reading.case_model import ends_of_other_states
 from soter.certificate.reading.symbolic_values import scalar_leaves, value_of_leaves
 from soter.certificate.terms.compile_terms import compile_truths, form_of_box
 from soter.certificate.terms.linear_enclosures import HALF, ONE, UNIT_ROUNDOFF, ZERO, exact
@@ -85,12 +85,12 @@ FINE = 1400
 
 
 class TubeFlow(LocalFlow):
-    """The flow of a tube; the time in which two commands may act is always a step of its own."""
+    """The flow of a tube, where the time in which two commands may act is a step of its own."""
 
     apart = True
 
-    def least_steps(self, span: Fraction) -> int:
-        """Always 1: the tube says where a span is cut."""
+    def least_step_count(self, span: Fraction) -> int:
+        """1: the tube says where a span is cut."""
         del span
         return 1
 
@@ -109,7 +109,7 @@ class StateSet:
     ranges: Box
 
     @classmethod
-    def of_box(cls, box: Box) -> StateSet:
+    def from_box(cls, box: Box) -> StateSet:
         """The set of all states of a box, whatever commands acted before."""
         rows = []
         for i, (low, high) in enumerate(box):
@@ -149,13 +149,13 @@ class TubeChain(FlowChain):
         fresh = not body.memory and self.depth > 0
         start = self._opened_rows(body)
         new = self._answer_of_sc(start, fresh=fresh)
-        way, tube = self._follow(start, new, self.steps(pieces, fresh=fresh or not self.depth))
+        way, tube = self._lead_over(start, new, self.spans(pieces, fresh=fresh or not self.depth))
         return self._next_set(start, way, new), _split_into_boxes(tube, self.n)
 
     def follow_any_commands(self, body: StateSet, span: Fraction) -> tuple[StateSet, list[Box]]:
         """Follows any commands for `span` s: the set then, and the boxes until then."""
         start = self._opened_rows(StateSet(body.box, body.rows, [], []))
-        way, tube = self._follow(start, self._any_commands(start), [(span, NOW)])
+        way, tube = self._lead_over(start, self._any_commands(start), [(span, NOW)])
         return self._next_set(start, way, None), _split_into_boxes(tube, self.n)
 
     def at_some_instant(self, body: StateSet, span: Fraction) -> StateSet:
@@ -195,7 +195,7 @@ class TubeChain(FlowChain):
             row[i] += exact((begin + end) / 2)
         return rows
 
-    def _share_ages(
+    def _enter_shared_ages(
         self, start: OpenedForm, rows: Rows, rates: Rows, span: tuple[Fraction, Fraction]
     ) -> None:
         if not self._reading:
@@ -210,7 +210,7 @@ class TubeChain(FlowChain):
     # ------------------------------------------------------------ bodies
 
     def _opened_rows(self, body: StateSet) -> OpenedForm:
-        """The rows z of a step: states, old commands, errors of the rows of new ones, and 1."""
+        """The rows z of a step: states, old commands, errors of new commands, and 1."""
         count, any_before = self.depth * self.q, not body.memory
         known = len(body.rows[0])
         pad = max(0, 1 + self.n - known)
@@ -241,7 +241,7 @@ class TubeChain(FlowChain):
         return StateSet(list(way.box), rows, memory, ranges)
 
     def _with_own_rest(self, row: list[Any], i: int, way: StateRows) -> list[Any]:
-        """A state's row and its rest as a new unknown; the range alone if it is half as wide."""
+        """A state's row with its rest as a new unknown; its range alone if that is half as wide."""
         unknowns = [ZERO] * self.n
         unknowns[i] = way.rest[i]
         low, high = way.box[i]
@@ -270,7 +270,7 @@ def _own_unknown(i: int, rows: int, left: Sequence[Sequence[Any]]) -> list[Any]:
 
 
 def _with_fewer_unknowns(rows: Rows, memory: Rows) -> tuple[Rows, Rows]:
-    """Rows with `COLUMNS` shared unknowns and one each; those stay that rows share most."""
+    """Rows with at most `COLUMNS` shared unknowns and one each; the most shared ones stay."""
     every = [*rows, *memory]
     columns = [c for c in zip(*(row[1:] for row in every), strict=True) if any(c)]
     sizes = [[float(abs(x.mid())) for x in c[: len(rows)]] for c in columns]
@@ -298,7 +298,7 @@ class ConditionOnBoxes:
         first = truth_of(terms, states)
         atoms = [states[i].atom for i in members]
         known = [(terms.atoms[a].low, terms.atoms[a].high) for a in atoms]
-        boxes = other_ends(model, states, members)
+        boxes = ends_of_other_states(model, states, members)
         self._truths = compile_truths(terms, atoms, [first, *terms.obligations], boxes)
         self._ends = [
             ends if i in model.facts.unbounded | model.facts.turning else (exact(low), exact(high))
@@ -338,14 +338,16 @@ class ModuleTube:
         self._seen: list[str] | None = None
         self._set_constraint(problem.default_maps)
         self.rest = ConditionOnBoxes(
-            model, members, lambda t, x: model.predicate(t, x, problem.rest.condition, errors=False)
+            model, members, lambda t, x: model.truth_of(t, x, problem.rest.condition, errors=False)
         )
         flow = TubeFlow(model, members, uncrossed_ends(model, members))
-        self.chain = TubeChain(model, members, flow, problem.times.chain, problem.messages(members))
+        self.chain = TubeChain(
+            model, members, flow, problem.times.chain, problem.topics_of(members)
+        )
 
     @property
-    def reads(self) -> list[str]:
-        """The fields of an estimate, as `topic.field`: of the states in order, then of maps."""
+    def estimate_fields(self) -> list[str]:
+        """The fields of an estimate, as `topic.field`: those of states in order, then of maps."""
         maps = [name for names in self.problem.map_leaves.values() for name in names]
         return [*(self.problem.field_read(s) for s in self.problem.followed), *maps]
 
@@ -358,7 +360,7 @@ class ModuleTube:
         return self.problem.facts.symbol.shield is not None
 
     def why_not_good(self, estimate: Mapping[str, float]) -> str | None:
-        """Why an estimate, a number for each of `reads`, may be bad; None if it is good."""
+        """Why an estimate (a number for each of `estimate_fields`) may be bad; None: it is good."""
         box, maps = [], {}
         for index, names in self.problem.map_leaves.items():
             numbers = [estimate[name] for name in names]
@@ -384,7 +386,6 @@ class ModuleTube:
         return self.why_not_settled(box, times.start_alpha, times.start)
 
     def _set_constraint(self, maps: Mapping[int, Value]) -> None:
-        """Makes `constraint` the C of these maps, where it is not so already."""
         seen = [x.hex() for of in maps.values() for x in scalar_leaves(of)]
         if seen != self._seen:
             model = RestModel(self.problem.facts, (), self.problem.facts.extents, known=maps)
@@ -396,10 +397,10 @@ class ModuleTube:
     # ------------------------------------------------------------ tubes
 
     def why_not_settled(self, box: Box, earliest: int, latest: int) -> str | None:
-        """Why SC, acting first in [earliest, latest] ns, may not rest from `box`; None: it does."""
+        """Why SC, acting first in [earliest, latest] ns, may not rest from a box; None: it does."""
         if not self.is_within_c(box):
             return "C is not certain of the estimate itself"
-        body, step = StateSet.of_box(box), earliest * NANOSECOND / FREE_PIECES
+        body, step = StateSet.from_box(box), earliest * NANOSECOND / FREE_PIECES
         try:
             for _ in range(FREE_PIECES if earliest else 0):
                 body, boxes = self.chain.follow_any_commands(body, step)
@@ -407,10 +408,10 @@ class ModuleTube:
                     return "any command may lead out of C before SC acts"
         except NotCertainError:
             return "where any command leads before SC acts is not known"
-        return self._why_not(body, (latest - earliest) * NANOSECOND, 0)
+        return self._why_not_settled_in_window(body, (latest - earliest) * NANOSECOND, 0)
 
-    def _why_not(self, body: StateSet, span: Fraction, cut: int) -> str | None:
-        """Why SC may not rest if an output begins to act in the next `span` s; None: it does."""
+    def _why_not_settled_in_window(self, body: StateSet, span: Fraction, cut: int) -> str | None:
+        """Why SC may not rest if an output begins to act within `span` s; None: it does."""
         try:
             inside = self.chain.at_some_instant(body, span) if span else body
             why = None
@@ -420,11 +421,11 @@ class ModuleTube:
             if why is None or cut == CUTS:
                 return why
             if not span:
-                return self._why_not(body, span, cut + 1)
+                return self._why_not_settled_in_window(body, span, cut + 1)
             middle, _ = self.chain.follow_any_commands(body, span / 2)
-            return self._why_not(body, span / 2, cut + 1) or self._why_not(
-                middle, span / 2, cut + 1
-            )
+            return self._why_not_settled_in_window(
+                body, span / 2, cut + 1
+            ) or self._why_not_settled_in_window(middle, span / 2, cut + 1)
         except NotCertainError:
             return "a tube has no end"
 
@@ -452,7 +453,7 @@ class ModuleTube:
         return near and self.constraint.is_certain(box)
 
     def are_within_c(self, boxes: Sequence[Box]) -> bool:
-        """Whether all these boxes are certainly in C; one around them is asked first (cheaper)."""
+        """Whether all boxes are certainly in C; first (cheaper) one box around them is asked."""
         sides = [zip(*of_state, strict=True) for of_state in zip(*boxes, strict=True)]
         around = [(reduce(arb.min, lows), reduce(arb.max, highs)) for lows, highs in sides]
         return self.is_within_c(around) or (len(boxes) > 1 and all(map(self.is_within_c, boxes)))
@@ -487,7 +488,7 @@ class ModuleTube:
             flint.ctx.prec = precision
 
     def _is_certain_far_out(self, box: Box, cuts: int) -> bool:
-        """Whether C is certain of a box, or of all its parts, cut where it is far out."""
+        """Whether C is certain on a box, or on all parts into which it is cut far from 0."""
         if self.constraint.is_certain(box):
             return True
         axis = max(range(len(box)), key=lambda i: (box[i][1] - box[i][0]).mid())

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 
 from soter.cli.terminal.console import ChildResult, Console
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.workers.child_process import adopt_orphans, end_children, end_with, resume
+from soter.workers.child_process import adopt_orphans, end_children, end_with_parent, resume_child
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -54,7 +54,7 @@ def fork_into_child(console: Console, rescue: Rescue) -> None:
     child = os.fork()
     if child == 0:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        end_with(parent)
+        end_with_parent(parent)
         verdict.note_child()
         console.keep_output_for(verdict.leave_result)
         return
@@ -62,7 +62,7 @@ def fork_into_child(console: Console, rescue: Rescue) -> None:
     status, was_told = _wait_for_child(child, {*ending, signal.SIGCHLD, signal.SIGALRM})
     end_children()
     signal.pthread_sigmask(signal.SIG_SETMASK, before)
-    if (exception := verdict.result_left()) is not None:
+    if (exception := verdict.child_result()) is not None:
         raise exception
     saved = rescue(child)
     if was_told:
@@ -73,7 +73,7 @@ def fork_into_child(console: Console, rescue: Rescue) -> None:
 
 
 def _wait_for_child(child: int, signals: set[signal.Signals]) -> tuple[int, bool]:
-    """Waits for the child; its wait status, and whether a signal had told it to end."""
+    """Waits for the child; gives its wait status, and whether a signal asked it to end."""
     told_s: float | None = None
     while True:
         number, passed_on = _next_signal(signals)
@@ -82,7 +82,7 @@ def _wait_for_child(child: int, signals: set[signal.Signals]) -> tuple[int, bool
             if ended:
                 signal.alarm(0)
                 return status, told_s is not None
-            resume(child)
+            resume_child(child)
         elif number == signal.SIGALRM or (told_s and time.monotonic() - told_s > AGAIN_S):
             os.kill(child, signal.SIGKILL)
         else:
@@ -94,7 +94,7 @@ def _wait_for_child(child: int, signals: set[signal.Signals]) -> tuple[int, bool
 
 
 def _next_signal(signals: set[signal.Signals]) -> tuple[int, bool]:
-    """Waits for a signal; its number, and whether the terminal sent it to the child, too."""
+    """Waits for a signal; gives its number, and whether the terminal also sent it to the child."""
     if sys.platform == "linux":
         info = signal.sigwaitinfo(signals)
         return info.si_signo, info.si_code > 0
@@ -123,23 +123,23 @@ HIGH = 200
 
 
 class ResultFile:
-    """The file in which a child leaves its result; a mark and a hash show that it is whole."""
+    """The file in which a child leaves its result; a mark and a hash show that it is complete."""
 
     def __init__(self) -> None:
-        self._file = _unnamed_file()
+        self._file = _open_unnamed_file()
         self._mark = os.urandom(16)
         self._process = 0
 
     def note_child(self) -> None:
-        """Notes that this process, the child, may leave a result."""
+        """Notes that this process is the child, which may leave a result."""
         self._process = os.getpid()
 
     def leave_result(self, text: str, exit_code: int) -> NoReturn:
-        """Leaves a result and ends the process; in a fork that an extern made it only ends."""
+        """Writes a result and ends the process; a fork made by an extern only ends."""
         if os.getpid() != self._process:
             os._exit(1)
         body = bytes([exit_code]) + text.encode("utf-8", "surrogateescape")
-        whole = memoryview(self._mark + self._hash(body) + body)
+        whole = memoryview(self._mark + self._hash_with_mark(body) + body)
         at = 0
         with suppress(OSError):
             while at < len(whole):
@@ -148,23 +148,23 @@ class ResultFile:
             os.kill(os.getppid(), signal.SIGCONT)
         _end_process(exit_code)
 
-    def result_left(self) -> ChildResult | None:
-        """The result that the child left; None if there is no whole one."""
+    def child_result(self) -> ChildResult | None:
+        """The result that the child left; None if there is none or it is not complete."""
         size = os.fstat(self._file).st_size
         whole = bytearray()
         while len(whole) < size and (part := os.pread(self._file, size - len(whole), len(whole))):
             whole += part
         mark, digest, body = bytes(whole[:16]), bytes(whole[16:48]), bytes(whole[48:])
-        if not body or mark != self._mark or digest != self._hash(body):
+        if not body or mark != self._mark or digest != self._hash_with_mark(body):
             return None
         return ChildResult(body[1:].decode("utf-8", "surrogateescape"), body[0])
 
-    def _hash(self, body: bytes) -> bytes:
+    def _hash_with_mark(self, body: bytes) -> bytes:
         return hashlib.sha256(self._mark + body).digest()
 
 
-def _unnamed_file() -> int:
-    """The descriptor of a new file without a name; programs started later do not inherit it."""
+def _open_unnamed_file() -> int:
+    """The descriptor of a new file without a name, which programs started later do not inherit."""
     if sys.platform == "linux":
         made = os.memfd_create("soter verdict")
     else:
@@ -182,7 +182,7 @@ def _unnamed_file() -> int:
 
 
 def _end_process(exit_code: int) -> NoReturn:
-    """Ends the process after `atexit` functions, whatever threads externs have left running."""
+    """Ends the process after its `atexit` functions, even if externs have left threads running."""
     import atexit  # noqa: PLC0415 - only here
 
     until_s = time.monotonic() + THREADS_S

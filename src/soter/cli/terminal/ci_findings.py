@@ -21,7 +21,7 @@ Kind = Literal["pass", "fail", "open", "warning"]
 
 @dataclass(frozen=True)
 class CiFinding:
-    """A finding. `rule`: a diagnostic's code, a property or a command; `name`: its subject."""
+    """A finding. `rule`: code of a diagnostic, property or command; `name`: what it is about."""
 
     kind: Kind
     rule: str
@@ -53,7 +53,7 @@ def diagnostic_findings(items: Iterable[Diagnostic]) -> list[CiFinding]:
 
 
 def place_in_file(span: Span | None) -> tuple[str, int, int, int, int] | None:
-    """File, line, column, end line, end column (one past the last); None where there is no file."""
+    """File, line, column, end line, end column (one past the last); None without a file."""
     if span is None or span.source.name.startswith("<"):
         return None  # standard input, the prelude
     source, end = span.source, span.end

@@ -45,15 +45,15 @@ def xml_text(text: str) -> str:
     return NO_XML.sub("\ufffd", text)
 
 
-def new_case(suite: ET.Element, file: str, name: str, seconds: float = 0.0) -> ET.Element:
-    """A new `testcase` of a suite, named by the file that it is about."""
+def add_case(suite: ET.Element, file: str, name: str, seconds: float = 0.0) -> ET.Element:
+    """Adds a `testcase` to a suite; it is named by the file that it is about."""
     where = xml_text(file)
     named = {"classname": where, "name": xml_text(name), "file": where, "time": f"{seconds:.3f}"}
     return ET.SubElement(suite, "testcase", named)
 
 
-def put_element(case_: ET.Element, kind: str, text: str, **attributes: str) -> None:
-    """Put `failure`, `error`, `skipped` or `system-out` into a case or a suite."""
+def add_text(case_: ET.Element, kind: str, text: str, **attributes: str) -> None:
+    """Adds `failure`, `error`, `skipped` or `system-out` with a text to a case or a suite."""
     cleaned = {k: xml_text(v) for k, v in attributes.items()}
     ET.SubElement(case_, kind, cleaned).text = xml_text(text) or None
 
@@ -72,7 +72,7 @@ LEVELS = {"fail": "error", "open": "error", "warning": "warning"}
 
 
 def formatted_outcome(format_: str, command: str, outcome: CommandOutcome) -> str:
-    """The outcome in one of the formats, as text; "" for `github` where all is well."""
+    """The outcome in one of the formats, as text; "" for `github` if there is nothing to report."""
     findings = [
         replace(f, text=legible(f.text), details=tuple(map(legible, f.details)))
         for f in (*diagnostic_findings(outcome.diagnostics), *outcome.found)
@@ -156,11 +156,11 @@ def junit_text(command: str, files: Sequence[str], findings: Sequence[CiFinding]
         )
         cases = [f for f in mine if f.kind != "warning"]
         for f in cases:
-            _put_case(suite, name, f)
+            _add_finding(suite, name, f)
         if not cases:
-            new_case(suite, name, command)
+            add_case(suite, name, command)
         if warnings := [_finding_text(f) for f in mine if f.kind == "warning"]:
-            put_element(suite, "system-out", "\n\n".join(warnings))
+            add_text(suite, "system-out", "\n\n".join(warnings))
     return xml_document(root)
 
 
@@ -178,13 +178,13 @@ def _suite_counts(
     }
 
 
-def _put_case(suite: ET.Element, file: str, f: CiFinding) -> None:
-    one = new_case(suite, file, f.name, f.seconds)
+def _add_finding(suite: ET.Element, file: str, f: CiFinding) -> None:
+    one = add_case(suite, file, f.name, f.seconds)
     if f.kind == "pass":
-        put_element(one, "system-out", "\n".join((f.text, *f.details)))
+        add_text(one, "system-out", "\n".join((f.text, *f.details)))
         return
     word = "failure" if f.kind == "fail" else "error"
-    put_element(one, word, _finding_text(f), type=f.rule, message=f.text)
+    add_text(one, word, _finding_text(f), type=f.rule, message=f.text)
 
 
 def _finding_text(f: CiFinding) -> str:
@@ -194,7 +194,7 @@ def _finding_text(f: CiFinding) -> str:
 
 
 def github_commands(findings: Sequence[CiFinding]) -> str:
-    """The commands of GitHub Actions, a line each; "" where all is well."""
+    """The commands for GitHub Actions, one a line; "" if there is nothing to report."""
     return "\n".join(_github_command(f) for f in findings if f.kind != "pass")
 
 
@@ -209,15 +209,15 @@ def _github_command(finding: CiFinding) -> str:
         f"{key}={_escaped_property(value)}" for key, value in properties.items()
     )
     text = "\n".join((finding.text, *finding.details))
-    return f"::{LEVELS[finding.kind]} {text_of_properties}::{_escaped_data(text)}"
+    return f"::{LEVELS[finding.kind]} {text_of_properties}::{_escaped_message(text)}"
 
 
-def _escaped_data(text: str) -> str:
+def _escaped_message(text: str) -> str:
     return text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
 
 
 def _escaped_property(text: str) -> str:
-    return _escaped_data(text).replace(":", "%3A").replace(",", "%2C")
+    return _escaped_message(text).replace(":", "%3A").replace(",", "%2C")
 
 
 def junit_of_tests(report: ExploreReport) -> str:
@@ -232,15 +232,15 @@ def junit_of_tests(report: ExploreReport) -> str:
     }
     suites, suite = _new_suite(report.path, figures, seconds)
     for test in report.tests:
-        _put_case_of_test(suite, report, test)
+        _add_test(suite, report, test)
     for name in report.not_started:
-        one = new_case(suite, report.path, name)
-        put_element(one, "skipped", "", message="not started: one before was interrupted")
+        one = add_case(suite, report.path, name)
+        add_text(one, "skipped", "", message="not started: one before was interrupted")
     return xml_document(suites)
 
 
 def junit_of_problems(file: str, problems: Iterable[Diagnostic]) -> str:
-    """JUnit's XML where no test was explored: an error for every diagnostic that is one."""
+    """JUnit XML for a file whose tests were not explored: an `error` for each error."""
     errors = [d for d in problems if d.severity is Severity.ERROR]
     count = len(errors)
     figures = {"tests": count, "failures": 0, "errors": count, "skipped": 0}
@@ -250,26 +250,28 @@ def junit_of_problems(file: str, problems: Iterable[Diagnostic]) -> str:
         if d.primary is not None:
             where += f":{d.primary.span.line}:{d.primary.span.column}"
         text = "\n".join(filter(None, (where, *d.notes, *d.helps)))
-        put_element(new_case(suite, file, d.code), "error", text, type=d.code, message=d.message)
+        add_text(add_case(suite, file, d.code), "error", text, type=d.code, message=d.message)
     return xml_document(suites)
 
 
 def _new_suite(file: str, figures: dict[str, int], seconds: float) -> tuple[ET.Element, ET.Element]:
-    """A new root element, and its one suite."""
+    """A new root element with its only suite, and that suite."""
     counted = {k: str(v) for k, v in figures.items()} | {"time": f"{seconds:.3f}"}
     suites = ET.Element("testsuites", {"name": "soter test", **counted})
     return suites, ET.SubElement(suites, "testsuite", {"name": xml_text(file), **counted})
 
 
-def _put_case_of_test(suite: ET.Element, report: ExploreReport, test: TestResult) -> None:
-    one = new_case(suite, report.path, test.name, test.seconds + test.minimise_s)
+def _add_test(suite: ET.Element, report: ExploreReport, test: TestResult) -> None:
+    one = add_case(suite, report.path, test.name, test.seconds + test.minimise_s)
     if test.verdict == VIOLATED:
         broken = test.broken.text if test.broken is not None else ""
         trace = "" if test.trace is None else f"soter replay {test.trace}"
-        put_element(one, "failure", trace, type=VIOLATED, message=broken)
+        add_text(one, "failure", trace, type=VIOLATED, message=broken)
     elif test.verdict == BOUND:
         assert test.bound is not None
-        parts = "; ".join(f"{name} {p.reached}/{p.total}" for name, p in test.coverage.parts())
-        why = "; ".join(filter(None, (test.why, test.covered)))
-        put_element(one, "error", parts, type=test.bound, message=why)
-    put_element(one, "system-out", "\n".join(("rests on", *test.assumptions)))
+        parts = "; ".join(
+            f"{name} {p.reached}/{p.total}" for name, p in test.coverage.kinds_by_name()
+        )
+        why = "; ".join(filter(None, (test.why, test.covered_text)))
+        add_text(one, "error", parts, type=test.bound, message=why)
+    add_text(one, "system-out", "\n".join(("rests on", *test.assumptions)))

@@ -28,7 +28,7 @@ Pairs: TypeAlias = tuple[tuple[str, str], ...]
 
 
 class UsageError(Exception):
-    """A wrong command line; `usage`: the right form, if it is not that of the command's help."""
+    """A wrong command line. `usage`: the right form, or "" for that of the command's help."""
 
     def __init__(self, message: str, usage: str = "") -> None:
         super().__init__(message)
@@ -54,7 +54,7 @@ PARAMS = "params"
 
 
 class HelpWantedError(Exception):
-    """`--help` was given; the message is the text."""
+    """Raised for `--help`; the message is the help text."""
 
 
 class Command(Protocol):
@@ -90,10 +90,10 @@ class CommandParser(argparse.ArgumentParser):
                 self._add_settings()
             elif known.flags:
                 self._add_argument_of(field_name, known)
-        self._about = {n: o.told for n, o in options.items() if o.told and not o.dashed}
+        self._about = {n: o.json_name for n, o in options.items() if o.json_name and not o.dashed}
 
     def read_line(self, line: Sequence[str]) -> argparse.Namespace:
-        """The arguments of a line; `written`: names of what stands there. SoterError U001: gone."""
+        """The arguments of a line; `written`: names of those in it. SoterError U001: gone."""
         if problems := removed_flags(self.record, [word.partition("=")[0] for word in line]):
             raise SoterError(problems)
         defaults = {action.dest: action.default for action in self._actions}
@@ -104,15 +104,15 @@ class CommandParser(argparse.ArgumentParser):
         return argparse.Namespace(**{**defaults, **given_values, "written": written})
 
     def subject_fields(self, args: argparse.Namespace) -> dict[str, object]:
-        """Fields of the document that say what the command was about, however it ends."""
+        """Fields of the JSON document that name what the command was about."""
         return {field_name: getattr(args, name) for name, field_name in self._about.items()}
 
     def _add_argument_of(self, name: str, known: Option) -> None:
-        """Adds the option or the positional argument that `Option.flags` of a field describes."""
+        """Adds the option or positional argument that the field's `Option.flags` describes."""
         *flags, metavar = known.flags.split()
-        kind, needed = known.kind.text, known.given is ...
+        kind, needed = known.kind.text, known.default is ...
         how: dict[str, Any] = {
-            "default": None if needed else known.given,
+            "default": None if needed else known.default,
             "help": known.help(TIMES),
         }
         if metavar.startswith("--"):
@@ -130,7 +130,7 @@ class CommandParser(argparse.ArgumentParser):
             self.add_argument(name, choices=known.kind.names or None, **how)
             return
         if kind == "several":
-            default = None if known.given is None else list(known.given)
+            default = None if known.default is None else list(known.default)
             how |= {"action": "append", "default": default}
         elif metavar.startswith("["):
             how["const"] = ""
@@ -154,7 +154,7 @@ class CommandParser(argparse.ArgumentParser):
 
     @property
     def usage_line(self) -> str:
-        """The form of the command's line, in one line."""
+        """The usage of the command as one line of text."""
         return self.format_usage().removeprefix("usage: ").strip()
 
 
@@ -178,7 +178,7 @@ def _name_and_value(text: str) -> tuple[str, str]:
 
 
 def whole_number(text: str) -> int:
-    """Reads a whole number in plain digits, unlike `int`, `1_000`; ArgumentTypeError for others."""
+    """The whole number in a text of plain digits (no `1_000`); ArgumentTypeError for others."""
     if not re.fullmatch("[+-]?[0-9]{1,20}", text):
         raise argparse.ArgumentTypeError(f"`{text}` is no whole number")
     return int(text)
@@ -192,7 +192,7 @@ def at_least_one(text: str) -> int:
 
 
 def duration_s(text: str) -> float:
-    """Seconds: a number in plain digits, or one with its unit; ArgumentTypeError for other text."""
+    """The seconds in a text: plain digits, or a number and its unit; else ArgumentTypeError."""
     from soter.language.model.types import WrongTextError, duration_ns  # noqa: PLC0415 - only then
 
     if text.isascii() and "_" not in text:

@@ -35,7 +35,7 @@ INTERRUPTED = 130
 
 @dataclass
 class CommandOutcome:
-    """The exit code, every diagnostic, and the command's own fields of the document."""
+    """The exit code, all diagnostics, and the command's own fields of the JSON document."""
 
     exit: int = FINE
     diagnostics: tuple[Diagnostic, ...] = ()
@@ -67,13 +67,13 @@ class CommandOutcome:
 
 
 def exit_of_kinds(kinds: Iterable[Kind]) -> int:
-    """The exit code of findings, by the one rule of all commands that give verdicts."""
+    """The exit code for findings of these kinds, the same rule for all commands with verdicts."""
     found = set(kinds)
     return VIOLATED if "fail" in found else UNDECIDED if "open" in found else FINE
 
 
 def exit_code(diagnostics: Iterable[Diagnostic]) -> int:
-    """0 without errors; 2 where every error is one of the command line (U...); else 1."""
+    """The exit code: 0 without errors, 2 if all errors are of the command line (U...), else 1."""
     errors = [d.code for d in diagnostics if d.severity is Severity.ERROR]
     if not errors:
         return FINE

@@ -3,8 +3,8 @@
 Purpose: `Console` writes results to standard output and everything else to standard error, in
 colour only where a person looks; with `--json` one document and nothing else reaches standard
 output, whatever an extern prints; a closed pipe ends quietly, a full disk with a sentence. Where an
-encoding or a terminal lacks characters it writes plain ones (`->` for an arrow). `rounded_rate`,
-`memory_size`: figures with a unit. `LineOfProgress` rewrites, after two seconds on a terminal, one
+encoding or a terminal lacks characters it writes plain ones (`->` for an arrow). `rate_text`,
+`memory_text`: figures with a unit. `LineOfProgress` rewrites, after two seconds on a terminal, one
 line on standard error that is gone at the end; where standard error is a log, it writes a new line
 every ten seconds.
 Non-goals: what is said; the process in which externs run (`child_process.py`); times
@@ -82,12 +82,12 @@ TERMS = re.compile(r"(dumb|unknown|ansi|cons25|vt(52|1\d\d|2\d\d))(-.*)?")
 
 
 def plain_text(text: str) -> str:
-    """The text with plain characters for those of PLAIN; the rest stays."""
+    """The text with every character in PLAIN replaced by plain ones."""
     return text.translate(_TABLE)
 
 
 def _replace_unencodable(error: UnicodeError) -> tuple[str, int]:
-    """Codec error handler: plain text for characters that an encoding does not have."""
+    """Plain text for characters that an encoding lacks; a handler of codec errors."""
     if not isinstance(error, UnicodeEncodeError):
         raise error
     missing = error.object[error.start : error.end]
@@ -97,8 +97,8 @@ def _replace_unencodable(error: UnicodeError) -> tuple[str, int]:
 codecs.register_error(PLAIN_ERRORS, _replace_unencodable)
 
 
-def _in_units(x: float, step: int, units: Sequence[str], plain: str) -> str:
-    """`x` with three digits in the largest of the units that it fills; `plain` if it fills none."""
+def _text_in_units(x: float, step: int, units: Sequence[str], plain: str) -> str:
+    """`x` with three digits in the largest unit that it reaches; `plain` if it reaches none."""
     for k, unit in enumerate(units):
         factor = step ** (len(units) - k)
         if x >= 0.9995 * factor:
@@ -106,23 +106,23 @@ def _in_units(x: float, step: int, units: Sequence[str], plain: str) -> str:
     return plain
 
 
-def rounded_rate(x: float) -> str:
+def rate_text(x: float) -> str:
     """A rate with three digits and a unit: `1.4 M`, `23 k`, `840`."""
-    return _in_units(x, 1000, ("G", "M", "k"), f"{x:.0f}")
+    return _text_in_units(x, 1000, ("G", "M", "k"), f"{x:.0f}")
 
 
-def memory_size(count: int) -> str:
+def memory_text(count: int) -> str:
     """A number of bytes in units of 1024: `9.6 MB`."""
-    return _in_units(count, 1024, ("GB", "MB", "kB"), f"{count} bytes")
+    return _text_in_units(count, 1024, ("GB", "MB", "kB"), f"{count} bytes")
 
 
-def disk_size(count: int) -> str:
+def disk_size_text(count: int) -> str:
     """A number of bytes on a disk in units of 1000: `481 MB`."""
-    return _in_units(count, 1000, ("GB", "MB", "kB"), f"{count} bytes")
+    return _text_in_units(count, 1000, ("GB", "MB", "kB"), f"{count} bytes")
 
 
 class ChildResult(Exception):  # noqa: N818 - no error: the command was done, in the child
-    """The result of a child: what it would have written to standard output, and its exit code."""
+    """The result of a child process: its text for standard output, and its exit code."""
 
     def __init__(self, text: str, exit_code: int) -> None:
         super().__init__(exit_code)
@@ -183,7 +183,7 @@ class Console:
         self._during.enter_context(context)
 
     def listen_to_signals(self) -> None:
-        """From now on Ctrl-C, SIGTERM and SIGHUP only ask to stop, so that results are kept."""
+        """Makes Ctrl-C, SIGTERM and SIGHUP only ask to stop, so that results are kept."""
         from soter.simulate.interrupt import (  # noqa: PLC0415 - NumPy
             ANY_END,
             StopRequest,
@@ -195,13 +195,13 @@ class Console:
     # ------------------------------------------------------------ a child that prints nothing
 
     def keep_output_for(self, leave: Callable[[str, int], NoReturn]) -> None:
-        """Keeps from now on what would be printed: the parent prints it (`child_process.py`)."""
+        """Collects the output from now on; the parent will print it (`child_process.py`)."""
         self._leave = leave
         self.out = io.StringIO()
         self._plain_out = False  # the parent writes plain characters where they are needed
 
     def hand_over_output(self, exit_code: int) -> None:
-        """In a child: leaves the output for the parent and ends; otherwise does nothing."""
+        """In a child, leaves the output for the parent and ends; else does nothing."""
         if self._leave is not None:
             assert isinstance(self.out, io.StringIO)
             _flush_c()
@@ -210,7 +210,7 @@ class Console:
     # ------------------------------------------------------------ writing
 
     def say(self, text: str = "") -> None:
-        """Writes a line of the result, for people; nothing with `--json`."""
+        """Writes a line of the result for people; writes nothing with `--json`."""
         if not self.json:
             self.write(legible(text, color=self.color_out, words=self.words) + "\n")
 
@@ -219,7 +219,7 @@ class Console:
         self.write(text + "\n")
 
     def note(self, text: str) -> None:
-        """Writes a line that is not of the result to standard error."""
+        """Writes to standard error a line that is not part of the result."""
         if self.err is not None:
             text = legible(text, color=self.color_err, words=self.words)
             with suppress(OSError, ValueError):
@@ -227,19 +227,19 @@ class Console:
                 self.err.flush()
 
     def write_diagnostics(self, items: tuple[Diagnostic, ...]) -> None:
-        """Writes diagnostics to standard error, for people; nothing with `--json`."""
+        """Writes diagnostics to standard error for people; nothing with `--json`."""
         if items and not self.json:
             from soter.diagnostics.render import render_all  # noqa: PLC0415 - only for diagnostics
 
             self.note(render_all(items, color=self.color_err))
 
     def paint(self, style: str, text: str) -> str:
-        """`text` in a style of STYLES if standard output shows colours; else as it is."""
+        """`text` in a style of STYLES if standard output shows colours; else unchanged."""
         return painted(style, text) if self.color_out else text
 
     @property
     def width(self) -> int | None:
-        """Columns of the terminal, or of $COLUMNS; None if neither is known."""
+        """The columns of the terminal, or of $COLUMNS; None if both are unknown."""
         if not os.environ.get("COLUMNS", "").isdigit() and not is_terminal(self._shown_on):
             return None
         return max(shutil.get_terminal_size((80, 24)).columns, 20)
@@ -251,7 +251,7 @@ class Console:
         return table(headers, rows, color=self.color_out, width=self.width)
 
     def flush(self) -> None:
-        """Flushes standard output; `output_error` has the error, if there is one."""
+        """Flushes standard output; an error is kept in `output_error`."""
         if self.out is not None and self.output_error is None:
             try:
                 self.out.flush()
@@ -259,7 +259,7 @@ class Console:
                 self._note_lost_output(error)
 
     def write(self, text: str) -> None:
-        """Writes text to standard output unchanged, such as a child's."""
+        """Writes text, such as a child's output, unchanged to standard output."""
         if self.out is None or self.output_error is not None:
             return
         try:
@@ -268,7 +268,7 @@ class Console:
             self._note_lost_output(error)
 
     def _note_lost_output(self, error: OSError | ValueError) -> None:
-        """Notes that standard output takes no more, and keeps Python from complaining at exit."""
+        """Notes that standard output fails, and stops Python from complaining at exit."""
         self.output_error = error if isinstance(error, OSError) else OSError(str(error))
         with suppress(OSError, ValueError, AttributeError):
             null = os.open(os.devnull, os.O_WRONLY)
@@ -278,7 +278,7 @@ class Console:
     # ------------------------------------------------------------ one document, whatever happens
 
     def _guard_output(self) -> None:
-        """Sends to standard error whatever else is written to standard output."""
+        """Sends what other code writes to standard output to standard error instead."""
         self._saved = self.out
         if _descriptor(self.out) == 1:
             with suppress(OSError):
@@ -307,13 +307,13 @@ class Console:
 
 
 def painted(style: str, text: str) -> str:
-    """`text` in a style of STYLES; as it is for any other style."""
+    """`text` in a style of STYLES; unchanged if there is no such style."""
     known = STYLES.get(style)
     return f"\x1b[{known}m{text}\x1b[0m" if known and text else text
 
 
 def shows_colors(stream: IO[str] | None) -> bool:
-    """Whether a stream shows colours: a terminal, unless NO_COLOR or FORCE_COLOR decide."""
+    """Whether a stream shows colours: a terminal does, unless NO_COLOR or FORCE_COLOR decides."""
     if os.environ.get("NO_COLOR"):
         return False
     if os.environ.get("FORCE_COLOR"):
@@ -322,7 +322,7 @@ def shows_colors(stream: IO[str] | None) -> bool:
 
 
 def is_plain_terminal(stream: IO[str] | None) -> bool:
-    """Whether the stream is a terminal that draws no boxes."""
+    """Whether the stream is a terminal that cannot draw boxes."""
     return is_terminal(stream) and TERMS.fullmatch(os.environ.get("TERM", "")) is not None
 
 
@@ -342,7 +342,7 @@ def _descriptor(stream: IO[str] | None) -> int | None:
 
 
 def _flush_c() -> None:
-    """Flushes what the C code of externs has printed."""
+    """Flushes the output buffers of C, which hold what externs have printed."""
     if "ctypes" in sys.modules:  # code that runs C has loaded it
         sys.modules["ctypes"].CDLL(None).fflush(None)
 
@@ -355,13 +355,13 @@ CLEAR = "\r\x1b[K"
 
 
 def clipped_line(text: str) -> str:
-    """The text cut to one line of the terminal: a longer one could not be cleared."""
+    """The text cut to one line of the terminal, as only one line can be cleared."""
     most = max(shutil.get_terminal_size((80, 24)).columns - 1, 20)
     return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
 class LineOfProgress:
-    """Gives a function to call with a text on how far the command is, now or in intervals."""
+    """A context that gives a function to call with texts about the progress of a command."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
@@ -396,7 +396,7 @@ class LineOfProgress:
             self._write_line("  ".join(x for x in (spent, self._progress_text()) if x) + "\n")
 
     def _progress_text(self) -> str:
-        """The text for how far the command is."""
+        """The text about the progress."""
         return self._text
 
     def _show_text(self, text: str) -> None:
@@ -405,7 +405,7 @@ class LineOfProgress:
             self._write_line(CLEAR + clipped_line(text))
 
     def _is_time(self) -> bool:
-        """Whether to rewrite the line now; False where there is no terminal."""
+        """Whether to rewrite the line now; False if standard error is no terminal."""
         now = time.perf_counter()
         if self._logging is not None or now < self._next:
             return False
@@ -434,7 +434,7 @@ class ProgressBar(LineOfProgress):
         self._timed = timed
         self._phase = ""
         self._furthest = 0.0
-        self._share_began = self._phase_began = self._told = self._began
+        self._share_began = self._phase_began = self._told_s = self._began
         self._left_s = math.inf
         self._during = ExitStack()
 
@@ -463,7 +463,7 @@ class ProgressBar(LineOfProgress):
 
     def _show_share(self, share: float) -> None:
         if share > self._furthest:
-            self._furthest, self._told = min(share, 1.0), time.perf_counter()
+            self._furthest, self._told_s = min(share, 1.0), time.perf_counter()
         self._show_now()
 
     def _show_now(self) -> None:
@@ -490,7 +490,7 @@ class ProgressBar(LineOfProgress):
         share, now = self._furthest, time.perf_counter()
         if not (self._timed and 0.001 < share < 1.0):
             return ""
-        left_s = (self._told - self._share_began) * (1.0 / share - 1.0) - (now - self._told)
+        left_s = (self._told_s - self._share_began) * (1.0 / share - 1.0) - (now - self._told_s)
         if left_s <= 0.0 or left_s > self._left_s:
             return ""
         self._left_s = left_s

@@ -52,7 +52,7 @@ BOUNDS_HEAD = ("least distance", "at", "comparison")
 
 
 def undecided_warning(m: ModuleOfLog) -> Diagnostic:
-    """The warning D017 for a module that the log does not decide; others may be decided."""
+    """The warning D017 for a module on which the log does not allow a verdict."""
     notes = tuple(f"missing: {name}" for name in m.missing)
     message = f"the log does not decide module `{m.module}`"
     return Diagnostic("D017", message, notes=notes, severity=Severity.WARNING)
@@ -62,7 +62,7 @@ def undecided_warning(m: ModuleOfLog) -> Diagnostic:
 
 
 def judgement_lines(j: LogJudgement, console: Console) -> Iterator[str]:
-    """Yields the judgement as text for the terminal."""
+    """Yields the lines of the judgement for the terminal."""
     yield f"{_span_text(j)}\n"
     for m in j.modules:
         yield f"{m.module}: {verdict_line(m)}\n"
@@ -73,17 +73,17 @@ def judgement_lines(j: LogJudgement, console: Console) -> Iterator[str]:
     yield from _log_lines(j)
     yield "\nassumptions"
     for text in j.assumptions:
-        yield from _list_item(text)
+        yield from _list_item_lines(text)
 
 
 def judgement_sections(j: LogJudgement) -> Iterator[PageSection]:
-    """Yields the judgement as sections of a page."""
+    """Yields the sections of the page about the judgement."""
     yield PageSection(
         "What was judged", (_span_text(j), DISTANCES), PAGE_HEAD, tuple(_module_rows(j))
     )
     for m in j.modules:
         yield from _module_sections(m)
-    if lost := tuple(text.strip() for text in lost_lines(j)):
+    if lost := tuple(text.strip() for text in loss_lines(j)):
         yield PageSection("The log", lost)
     if j.derived:
         rows = tuple((d.name, *_error_texts(d), d.how) for d in j.derived)
@@ -92,7 +92,7 @@ def judgement_sections(j: LogJudgement) -> Iterator[PageSection]:
 
 
 def _module_sections(m: ModuleOfLog) -> Iterator[PageSection]:
-    """Sections of a module: its outcome, changes of control, how near each comparison came."""
+    """Page sections of a module: outcome, changes of control, and the nearest values by bound."""
     drawn = ""
     if m.times is not None and m.decided:
         changes = [(m.times.begin_s, "SC"), *((c.time_s, c.to) for c in m.changes)]
@@ -137,12 +137,12 @@ def _first_switch(m: ModuleOfLog) -> str:
 
 
 def percent_text(x: float) -> str:
-    """A share in percent; only 1 is shown as 100 %, and only 0 as 0."""
+    """A share in percent; it is shown as 100 % only for 1, and as 0 % only for 0."""
     return f"{min(max(x, 0.001), 0.999) if 0.0 < x < 1.0 else x:.1%}"
 
 
 def share_words(x: float) -> str:
-    """The words that a headline adds if only this share of the log was judged."""
+    """The words " in ... of the log" for a headline if only a part was judged; else ""."""
     return f" in {percent_text(x)} of the log" if x < 1.0 else ""
 
 
@@ -151,8 +151,8 @@ def verdict_line(m: ModuleOfLog) -> str:
     parts = [f"none of {m.asked:,} reads lay outside `safe`"]
     if m.outside:
         parts = [f"{m.outside:,} of {m.asked:,} reads lay outside `safe`"]
-    if m.unjudged:
-        parts = [*(parts if m.outside else ()), f"{NOTHING}: {m.unjudged}"]
+    if m.why_unjudged:
+        parts = [*(parts if m.outside else ()), f"{NOTHING}: {m.why_unjudged}"]
     if m.outside_late:
         parts.append(f"{m.outside_late:,} {NOT_READ} lay outside `safe`")
     if m.first_outside_s is not None:
@@ -168,8 +168,8 @@ def verdict_line(m: ModuleOfLog) -> str:
     return verdict if m.damage is None else f"{m.damage}: {verdict}"
 
 
-def unheard_sentence(m: ModuleOfLog) -> tuple[str, ...]:
-    """A sentence for what follows if the log lacks the topics that let AC have control."""
+def unheard_sentences(m: ModuleOfLog) -> tuple[str, ...]:
+    """A sentence if the log lacks topics that give AC control: what follows from that."""
     if not m.unheard:
         return ()
     text = f"the log does not give {', '.join(m.unheard)}: for its DM nobody ever gave control back"
@@ -177,11 +177,11 @@ def unheard_sentence(m: ModuleOfLog) -> tuple[str, ...]:
 
 
 def _outcome_lines(m: ModuleOfLog) -> Iterator[str]:
-    """Lines about all steps of a DM, or what the log lacks to decide."""
+    """Lines about all steps of a decision module, or about what the log lacks for a verdict."""
     if not m.decided:
         yield "  undecided; the log does not give"
         for name in m.missing:
-            yield from _list_item(name)
+            yield from _list_item_lines(name)
         return
     outside = f"{m.outside:,} ({m.outside / max(1, m.asked):.1%})"
     yield (
@@ -196,8 +196,8 @@ def _outcome_lines(m: ModuleOfLog) -> Iterator[str]:
         yield f"  {m.waiting:,} more before all that it reads was there"
     if m.outside_late:
         yield f"  samples {NOT_READ} lay outside of safe {m.outside_late:,} times"
-    for text in unheard_sentence(m):
-        yield from _list_item(text)
+    for text in unheard_sentences(m):
+        yield from _list_item_lines(text)
     if m.faults:
         yield f"  a predicate faulted {m.faults:,} times: the DM takes that for unsafe"
     if m.blind:
@@ -221,8 +221,8 @@ def _module_lines(m: ModuleOfLog) -> Iterator[str]:
         yield f"  ... and {len(near) - BOUNDS_SHOWN:,} further away"
 
 
-def lost_lines(j: LogJudgement) -> Iterator[str]:
-    """Lines for samples that were not used, components that faulted, and damage of the file."""
+def loss_lines(j: LogJudgement) -> Iterator[str]:
+    """Lines on samples that were not used, components with faults, and damage of the file."""
     texts = [*j.lost]
     for name, (count, first) in j.refused.items():
         texts.append(f"refused by the gate: {count:,} samples of {name}; the first: {first}")
@@ -233,22 +233,22 @@ def lost_lines(j: LogJudgement) -> Iterator[str]:
 
 
 def _log_lines(j: LogJudgement) -> Iterator[str]:
-    yield from lost_lines(j)
+    yield from loss_lines(j)
     if j.derived:
         yield "\nderived (error: half, 95 %, all of it below)"
     for how in dict.fromkeys(d.how for d in j.derived):
-        yield from _list_item(how)
+        yield from _list_item_lines(how)
         for d in j.derived:
             if d.how == how:
                 yield f"      {d.name}  {', '.join(_error_texts(d))}"
 
 
 def _error_texts(d: DerivedValue) -> tuple[str, ...]:
-    """The errors of a derived value as text; "none" if none could be measured, which is not 0."""
+    """The errors of a derived value as text; "none", which is not 0, if none could be measured."""
     return ("none",) * len(ERRORS_SHARES) if d.error is None else tuple(f"{e:.2g}" for e in d.error)
 
 
-def _list_item(text: str) -> Iterator[str]:
+def _list_item_lines(text: str) -> Iterator[str]:
     yield textwrap.fill(text, WIDTH, initial_indent="  - ", subsequent_indent="    ")
 
 
@@ -271,7 +271,7 @@ class LostSamples:
 
 @dataclass(frozen=True)
 class LeftOutSamples(LostSamples):
-    """Samples that were left out, as in `LostSamples`, with their number for each reason."""
+    """Samples that were left out; `reasons`: their number and the first one for each reason."""
 
     reasons: tuple[LostSamples, ...]
 

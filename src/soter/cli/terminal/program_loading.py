@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def opened_program(args: argparse.Namespace, console: Console) -> Program:
-    """Loads `args.file`; if it is correct, its warnings are told with the outcome."""
+    """Loads `args.file`; the warnings of a correct program are printed with the outcome."""
     from soter.api import load  # noqa: PLC0415 - commands about the tool itself open none
 
     with LineOfProgress(console) as line:
@@ -31,14 +31,14 @@ def opened_program(args: argparse.Namespace, console: Console) -> Program:
 
 
 def bound_program(program: Program, args: argparse.Namespace) -> Program:
-    """Binds externs as `args.bindings` says; `SoterError` if one cannot be. Returns `program`."""
+    """Binds externs as `args.bindings` says and gives `program`; `SoterError` if that fails."""
     for name, target in args.bindings:
         program.bind(name, target)
     return program
 
 
 def warn_of_extern_files(program: Program, console: Console) -> Program:
-    """Tells early of wrong files of externs (W007, W037), where none will be called."""
+    """Warns early of wrong files of externs (W007, W037) if no extern will be called."""
     warnings = program.check().warnings if program.externs else ()
     missing = tuple(w for w in warnings if w.code in ("W007", "W037"))
     if console.json:
@@ -57,7 +57,7 @@ STDIN = "<stdin>"
 
 
 def standard_input() -> str:
-    """All of standard input; SoterError D005 if it is over MAX_FILE_BYTES or not UTF-8."""
+    """The text of standard input; SoterError D005 if over MAX_FILE_BYTES or not UTF-8."""
     from soter.language.load.loader import MAX_FILE_BYTES  # noqa: PLC0415 - for `-`
 
     stream = sys.stdin

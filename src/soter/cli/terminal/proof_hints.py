@@ -56,7 +56,7 @@ def print_search(search: ProofSearch, command: str, printed: Printout) -> None:
 
 
 def print_tries(search: ProofSearch, printed: Printout) -> None:
-    """Prints the table of what was tried and what it gave."""
+    """Prints the table of the hints that were tried, with what each gave and its time."""
     rows = []
     for t in search.tries:
         took = f"about {seconds_text(t.cpu_s)}" if t.untried else seconds_text(t.cpu_s)
@@ -66,17 +66,17 @@ def print_tries(search: ProofSearch, printed: Printout) -> None:
 
 
 def require_writable(path: Path) -> None:
-    """SoterError D006 where hints cannot be put into a file, before minutes are spent on them."""
-    from soter.cli.tool.fmt import require_leave  # noqa: PLC0415 - only then
+    """Raises SoterError D006 if hints could not be written to a file, before the search starts."""
+    from soter.cli.tool.fmt import require_permission  # noqa: PLC0415 - only then
 
     if path.exists() and not path.is_file():
         raise mistake("D006", f"cannot write `{path}`: it is no plain file")
     if path.exists():
-        require_leave(path, f"chmod u+w {shlex.quote(str(path))}, or leave `--write` out")
+        require_permission(path, f"chmod u+w {shlex.quote(str(path))}, or leave `--write` out")
 
 
 def write_hints(report: VerifyReport, console: Console) -> str | None:
-    """Writes found hints into the program if they prove; gives its path; SoterError D006."""
+    """Writes found hints into the program if they prove it; gives its path; SoterError D006."""
     from soter.cli.tool.fmt import replace_file  # noqa: PLC0415 - only then
 
     found = [s for s in report.searches if s.proved]

@@ -140,7 +140,7 @@ def _headline(run: Run, path: str, console: Console) -> str:
     speed = run.reached_s / run.wall_s if run.wall_s > 0 else 0.0
     how = f"{run.engine}, {_time_text(run.wall_s)}"
     if run.lag_s_max is None and run.engine != "recorded":
-        how += f" ({_rounded_text(speed)} {TIMES} real time)"
+        how += f" ({_factor_text(speed)} {TIMES} real time)"
     how += ", in real time" if run.timing else ", paced" if run.lag_s_max is not None else ""
     facts = f"{visible(path)}  {run.system.name}, seed {run.seed}, {run.duration_s:g} s  {how}"
     return console.paint("muted", facts)
@@ -181,7 +181,7 @@ def _verdict_lines(run: Run, console: Console) -> list[str]:
 
 
 def _reservation_lines(run: Run, console: Console) -> Iterator[str]:
-    """Lines for what limits the verdict: unshown modules, lateness, externs without answers."""
+    """Lines for what limits the verdict: unproved modules, lateness, externs without answers."""
     for m in run.system.modules:
         if m.unshown:
             text = f"`{m.name}` flew by what is not shown of its rest: {m.unshown}"
@@ -292,7 +292,7 @@ def _timeline_lines(run: Run, console: Console) -> Iterator[str]:
 
 
 def _mode_changes(run: Run, module: int) -> tuple[np.ndarray, np.ndarray]:
-    """Times in s of start, every change and end; whether AC is in control from each on."""
+    """Times in s of start, changes and end, and whether AC is in control from each: (n,), (n,)."""
     forced_ac = run.system.modules[module].forced == "ac"
     changes = [(c.time_ns / 1e9, c.to == "AC") for c in run.changes if c.module == module]
     points = [(0.0, forced_ac), *changes]
@@ -313,5 +313,5 @@ def _time_text(seconds: float) -> str:
     return f"{seconds * 1e3:.0f} ms" if seconds < 1 else f"{seconds:.1f} s"
 
 
-def _rounded_text(x: float) -> str:
+def _factor_text(x: float) -> str:
     return f"{float(f'{x:.2g}'):,.0f}" if x >= 10 else f"{x:.1f}"

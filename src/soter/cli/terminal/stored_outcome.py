@@ -47,12 +47,12 @@ PAINT = re.compile(r"\x1b\[[0-9;]*m")
 
 @dataclass(eq=False)
 class Printout:
-    """Shown parts, in order, as JSON: coloured texts, and `[headers, rows]` of tables."""
+    """The output of a command in order, as JSON: coloured texts, `[headers, rows]` of tables."""
 
     parts: list[Any] = field(default_factory=list)
 
     def say(self, text: str = "") -> None:
-        """Adds a line, or several."""
+        """Adds a text of one line or several."""
         self.parts.append(text)
 
     def add_table(self, headers: Sequence[str], rows: Iterable[Sequence[str | Styled]]) -> None:
@@ -62,7 +62,7 @@ class Printout:
 
     @staticmethod
     def paint(style: str, text: str) -> str:
-        """`text` in colour; `print_to` removes colours where the console has none."""
+        """`text` in colour; `print_to` removes the colour for a console without colours."""
         return painted(style, text)
 
     def print_to(self, console: Console) -> None:
@@ -79,7 +79,7 @@ class Printout:
 
 @dataclass(frozen=True)
 class StoredOutcome:
-    """A command's output, fields and exit code; `warned`: it had warnings, not stored."""
+    """Output, fields and exit code of a command. `warned`: it had warnings (not stored here)."""
 
     exit: int
     fields: dict[str, object]
@@ -88,9 +88,9 @@ class StoredOutcome:
 
 
 def stored_outcome(file: str, words: Sequence[str]) -> StoredOutcome | None:
-    """The outcome stored for the program in `file` and these words; None if anything differs."""
+    """The outcome stored for the program in `file` and these words; None if anything changed."""
     try:
-        contents = {path: _sha256(path) for path in _stored_files(file)}
+        contents = {path: _file_sha256(path) for path in _stored_files(file)}
         entry = (
             find_cached(NAME, _content_hash(file, words, contents), (FILE,)) if contents else None
         )
@@ -111,24 +111,24 @@ def store_outcome(
     `words`: the command and its options. `contents`: path -> SHA-256 of every file that the program
     in `file` was made of, as it was when it was read.
     """
-    absolute = {_absolute(path): sha256 for path, sha256 in contents.items()}
+    absolute = {_absolute_path(path): sha256 for path, sha256 in contents.items()}
     fields = {"exit": outcome.exit, "fields": outcome.fields, "warned": outcome.warned}
     text = json.dumps({**fields, "printed": outcome.printed.parts}, allow_nan=False)
     try:
         with new_entry(NAME, _content_hash(file, words, absolute), (FILE,)) as entry:
             (entry / FILE).write_text(text, encoding="utf-8")
-        _write_list(file, list(absolute))
+        _write_file_list(file, list(absolute))
     except (OSError, SoterError):
         return  # the next command computes it again
 
 
 def _content_hash(file: str, words: Sequence[str], contents: Mapping[str, str]) -> str:
-    """A hash over everything that an outcome rests on."""
+    """A hash over everything on which an outcome depends."""
     compiler = find_compiler()
     made_by = [soter_sha256(), compiler.identity, *compiler.flags, sys.version, platform.platform()]
     made_by += [f"{name} {_package_version(name)}" for name in PACKAGES]
     files = [part for pair in sorted(contents.items()) for part in pair]
-    return digest([*made_by, str(len(files)), *files, _absolute(file), file, *words])
+    return digest([*made_by, str(len(files)), *files, _absolute_path(file), file, *words])
 
 
 def _package_version(package: str) -> str:
@@ -138,13 +138,13 @@ def _package_version(package: str) -> str:
         return ""
 
 
-def _absolute(path: str | Path) -> str:
-    """The absolute path, with its links and `..`: what they lead to may change."""
+def _absolute_path(path: str | Path) -> str:
+    """The absolute path with its links and `..` kept, as their targets may change."""
     return str(Path(path).absolute())
 
 
-def _sha256(path: str) -> str:
-    """SHA-256 of a plain file; OSError for anything else, as each reading may differ."""
+def _file_sha256(path: str) -> str:
+    """The SHA-256 of a plain file; OSError for others, whose content may differ each time."""
     if not stat.S_ISREG(os.stat(path).st_mode):  # noqa: PTH116 - follows links on purpose
         raise OSError(f"{path} is no plain file")
     return hashlib.sha256(Path(path).read_bytes()).hexdigest()
@@ -153,22 +153,22 @@ def _sha256(path: str) -> str:
 # ---------------------------------------------------------------- which files
 
 
-def _list_path(file: str) -> Path:
+def _file_list_path(file: str) -> Path:
     """The path of the list of a program's files; clearing the cache removes only folders."""
-    return cache_dir() / "verdicts" / f"{digest([_absolute(file)])[:32]}.files"
+    return cache_dir() / "verdicts" / f"{digest([_absolute_path(file)])[:32]}.files"
 
 
 def _stored_files(file: str) -> list[str]:
-    """The files that the program was made of when its last outcome was stored; [] if unknown."""
-    path = _list_path(file)
+    """The files of which the program was made when its outcome was stored; [] if unknown."""
+    path = _file_list_path(file)
     status = path.stat()
     if not is_ours(status) or status.st_size > LIST_MAX:
         return []
     return [str(name) for name in json.loads(path.read_text(encoding="utf-8"))]
 
 
-def _write_list(file: str, paths: list[str]) -> None:
-    to = _list_path(file)
+def _write_file_list(file: str, paths: list[str]) -> None:
+    to = _file_list_path(file)
     to.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
     handle, made = tempfile.mkstemp(dir=to.parent)
     with os.fdopen(handle, "w", encoding="utf-8") as stream:

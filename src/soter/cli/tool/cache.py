@@ -13,9 +13,17 @@ from dataclasses import dataclass
 
 from soter.cli.terminal.command_line import UsageError
 from soter.cli.terminal.command_outcome import CommandOutcome
-from soter.cli.terminal.console import Console, disk_size
+from soter.cli.terminal.console import Console, disk_size_text
 from soter.diagnostics.command_records import choice, option, read_by
-from soter.native.cache import LIMIT, YOUNG_S, cache_dir, cache_limit, clear, entries, set_limit
+from soter.native.cache import (
+    LIMIT,
+    YOUNG_S,
+    cache_dir,
+    cache_entries,
+    cache_limit,
+    clear_cache,
+    set_limit,
+)
 
 EXAMPLES = f"""\
   soter cache                  where it is, what it holds, how much it may hold
@@ -48,29 +56,28 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Shows the cache, clears it or sets its limit; UsageError for a size too many or missing."""
+    """Shows or clears the cache or sets its limit; UsageError for a missing or needless size."""
     if (args.size is None) != (args.action != "limit"):
         wants = "takes a SIZE, such as 500MB" if args.size is None else "takes no SIZE"
         raise UsageError(f"`soter cache {args.action}` {wants}")
-    removed = clear() if args.action == "clear" else None
+    removed = clear_cache() if args.action == "clear" else None
     if args.size is not None:
         set_limit(args.size)
-    cache_entries, (most, said_by) = entries(), cache_limit()
-    held = sum(size for _, size, _ in cache_entries)
+    listed, (most, said_by) = cache_entries(), cache_limit()
+    held = sum(size for _, size, _ in listed)
     if removed is not None:
         noun = "entry" if removed[0] == 1 else "entries"
-        console.say(f"removed  {removed[0]} {noun}, {disk_size(removed[1])}")
+        console.say(f"removed  {removed[0]} {noun}, {disk_size_text(removed[1])}")
     console.say(f"folder   {cache_dir()}")
     console.say(
-        f"holds    {disk_size(held)} in {len(cache_entries)} "
-        f"entr{'y' if len(cache_entries) == 1 else 'ies'}"
+        f"holds    {disk_size_text(held)} in {len(listed)} entr{'y' if len(listed) == 1 else 'ies'}"
     )
-    console.say(f"limit    {disk_size(most)} ({said_by})")
-    if cache_entries:
-        console.say(f"oldest   used {_ago_text(time.time() - cache_entries[0][0])} ago")
+    console.say(f"limit    {disk_size_text(most)} ({said_by})")
+    if listed:
+        console.say(f"oldest   used {_ago_text(time.time() - listed[0][0])} ago")
     fields: dict[str, object] = {
         "folder": str(cache_dir()),
-        "entries": len(cache_entries),
+        "entries": len(listed),
         "bytes": held,
         "limit_bytes": most,
         "limit_from": said_by,

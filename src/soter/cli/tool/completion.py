@@ -30,7 +30,7 @@ FILES = re.compile(r"FILE|DIR|PATH|LOG|TRACE")
 
 @dataclass(frozen=True)
 class Option:
-    """An option. `names`: as they are written; `values`: its possible words, () for any."""
+    """An option. `names`: how it is written; `values`: the words it can have, () for any."""
 
     names: tuple[str, ...]
     about: str
@@ -40,8 +40,8 @@ class Option:
 
 
 @dataclass(frozen=True)
-class Words:
-    """What one command takes: options, the words of its first argument, and if it takes paths."""
+class CommandWords:
+    """What one command takes: its options, the words of its first argument, and whether paths."""
 
     name: str
     about: str
@@ -72,10 +72,10 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
 
 def words_of_command(
     name: str, about: str, made: argparse.ArgumentParser | None, commands: dict[str, str]
-) -> Words:
-    """What a command takes, read off its parser; `help`, which has none, takes `commands`."""
+) -> CommandWords:
+    """What a command takes, read from its parser; `help` has no parser and takes `commands`."""
     if made is None:
-        return Words(name, about, (), tuple(commands), path=False)
+        return CommandWords(name, about, (), tuple(commands), path=False)
     options: list[Option] = []
     first: list[str] = []
     path = False
@@ -89,7 +89,7 @@ def words_of_command(
         else:
             first += values
             path = path or is_path
-    return Words(name, about, tuple(options), tuple(first), path)
+    return CommandWords(name, about, tuple(options), tuple(first), path)
 
 
 # ---------------------------------------------------------------- bash
@@ -113,14 +113,14 @@ BASH_TAIL = """\
 complete -o filenames -F _soter soter"""
 
 
-def bash_script(commands: list[Words]) -> Iterator[str]:
-    """A script for bash 4 and later."""
+def bash_script(commands: list[CommandWords]) -> Iterator[str]:
+    """The lines of a completion script for bash 4 and later."""
     yield BASH_HEAD
     for c in commands:
         for o in c.options:
             if o.takes:
                 at = "|".join(f"{c.name}:{n}" for n in o.names)
-                yield f"    {at}) {_bash_reply(o.values, path=o.path)}; return ;;"
+                yield f"    {at}) {_bash_reply_command(o.values, path=o.path)}; return ;;"
     names = " ".join(c.name for c in commands)
     yield '  esac\n  case "$command" in'
     yield f'    "") words="{names} --help --version -V --json" ;;'
@@ -133,7 +133,7 @@ def bash_script(commands: list[Words]) -> Iterator[str]:
     yield BASH_TAIL
 
 
-def _bash_reply(values: tuple[str, ...], *, path: bool) -> str:
+def _bash_reply_command(values: tuple[str, ...], *, path: bool) -> str:
     if values:
         return f'COMPREPLY=($(compgen -W "{" ".join(values)}" -- "$cur"))'
     return 'COMPREPLY=($(compgen -f -- "$cur"))' if path else ":"
@@ -160,14 +160,14 @@ ZSH_TAIL = """\
 if [ "$funcstack[1]" = "_soter" ]; then _soter "$@"; else compdef _soter soter; fi"""
 
 
-def zsh_script(commands: list[Words]) -> Iterator[str]:
-    """A completion function for zsh, to be put into a folder of `fpath`."""
+def zsh_script(commands: list[CommandWords]) -> Iterator[str]:
+    """The lines of a completion function for zsh, to be put into a folder of `fpath`."""
     yield ZSH_HEAD
     for c in commands:
         yield f"    {_zsh_quoted(f'{c.name}:{_zsh_text(c.about)}')}"
     yield ZSH_OPTIONS
     for c in commands:
-        rows = [r for o in c.options for r in _zsh_option(o)]
+        rows = [r for o in c.options for r in _zsh_option_lines(o)]
         if c.first:
             rows.append(_zsh_quoted(f"*:word:({' '.join(c.first)})"))
         elif c.path:
@@ -179,7 +179,7 @@ def zsh_script(commands: list[Words]) -> Iterator[str]:
     yield ZSH_TAIL
 
 
-def _zsh_option(option: Option) -> Iterator[str]:
+def _zsh_option_lines(option: Option) -> Iterator[str]:
     about = _zsh_text(option.about)
     for name in option.names:
         takes = ""
@@ -190,7 +190,7 @@ def _zsh_option(option: Option) -> Iterator[str]:
 
 
 def _zsh_text(text: str) -> str:
-    """A description without the characters that have a meaning in zsh."""
+    """A description in which characters that have a meaning in zsh are blanks."""
     return re.sub(r"[\[\]:\\]", " ", text)
 
 
@@ -207,8 +207,8 @@ complete -c soter -f
 complete -c soter -n __fish_use_subcommand -s V -l version -d 'the version'"""
 
 
-def fish_script(commands: list[Words]) -> Iterator[str]:
-    """Commands for fish."""
+def fish_script(commands: list[CommandWords]) -> Iterator[str]:
+    """The lines of a completion script for fish."""
     yield FISH_HEAD
     for c in commands:
         yield f"complete -c soter -n __fish_use_subcommand -a {c.name} -d {_fish_quoted(c.about)}"

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from soter.cli.terminal.command_outcome import DIAGNOSTICS, CommandOutcome
-from soter.diagnostics.codes import all_codes, explain, known_code, suggestions, title
+from soter.diagnostics.codes import all_codes, explain, known_code, similar_codes, title
 from soter.diagnostics.command_records import option
 from soter.diagnostics.diagnostic import Diagnostic
 from soter.diagnostics.render import safe
@@ -56,7 +56,7 @@ def _list_codes(console: Console) -> CommandOutcome:
 
 
 def _unknown_code_outcome(code: str) -> CommandOutcome:
-    near = ", ".join(f"`{c}`" for c in suggestions(code))
+    near = ", ".join(f"`{c}`" for c in similar_codes(code))
     helps = (f"did you mean {near}?",) if near else ("`soter explain` lists all codes",)
     return CommandOutcome(
         DIAGNOSTICS, (Diagnostic("U007", f"there is no code `{safe(code)[:40]}`", helps=helps),)
@@ -64,7 +64,7 @@ def _unknown_code_outcome(code: str) -> CommandOutcome:
 
 
 def _coloured_page(page: str, console: Console) -> str:
-    """The page's Markdown; with colours for headings and code where the console has some."""
+    """The page's Markdown, with coloured headings and code if the console shows colours."""
     if not console.color_out:
         return page.rstrip()
     lines, in_code = [], False

@@ -40,13 +40,13 @@ EXAMPLES = """\
 class Options:
     """Lay out source files, in place."""
 
-    files: list[str] = file_option("FILE...", "a program; - for standard input", told="files")
+    files: list[str] = file_option("FILE...", "a program; - for standard input", json_name="files")
     check: bool = option("--check", False, "change nothing, exit 1 if needed", SWITCH)
     diff: bool = option("--diff", False, "change nothing, show the difference", SWITCH)
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Lays out every file, whatever is wrong with the others."""
+    """Lays out every file, even if others have errors."""
     problems: list[Diagnostic] = []
     changed: list[str] = []
     texts: dict[str, str] = {}
@@ -74,7 +74,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
 def _write_or_show(
     name: str, before: str, after: str, args: argparse.Namespace, console: Console
 ) -> list[str]:
-    """Writes, or shows, what was laid out; returns the lines of the difference, for `--diff`."""
+    """Writes or shows the new layout; gives the lines of the difference, for `--diff`."""
     lines: list[str] = []
     if args.diff:
         names = name, f"{name} (laid out)"
@@ -104,11 +104,11 @@ def _say_changed(
 
 
 def replace_file(path: Path, text: str) -> None:
-    """Writes a file whole or not at all, with its old permissions; SoterError D006."""
+    """Replaces a file as a whole or not at all, and keeps its permissions; SoterError D006."""
     try:
         again = shlex.quote(str(path))
         help_ = f"chmod u+w {again} && soter fmt {again}"
-        require_leave(path, help_, f"only look: soter fmt --diff {again}")
+        require_permission(path, help_, f"only look: soter fmt --diff {again}")
         mode = stat.S_IMODE(path.stat().st_mode)
         with atomic_write(path) as stream:
             os.chmod(stream.fileno(), mode)  # noqa: PTH101 - a descriptor has no path
@@ -117,7 +117,7 @@ def replace_file(path: Path, text: str) -> None:
         raise mistake("D006", f"cannot write `{path}`: {reason(error)}") from error
 
 
-def require_leave(path: Path, *helps: str) -> None:
-    """Raises D006 for a read-only file, which `atomic_write`'s rename would replace."""
+def require_permission(path: Path, *helps: str) -> None:
+    """Raises SoterError D006 for a read-only file, which `atomic_write` would replace."""
     if not (path.stat().st_mode & 0o222 and os.access(path, os.W_OK)):
         raise mistake("D006", f"cannot write `{path}`: it is read-only", *helps)

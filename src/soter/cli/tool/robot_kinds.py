@@ -24,23 +24,23 @@ if TYPE_CHECKING:
 
 
 class LogSurvey(Protocol):
-    """What of `monitor.log_survey.LogSurvey`, which is of an add-on, is read here."""
+    """The part of `monitor.log_survey.LogSurvey` (of an add-on) that this file reads."""
 
     channels: dict[str, Channel]
 
 
 class Channel(Protocol):
-    """A channel of the log."""
+    """A channel of the log, with its fields by name."""
 
     fields: dict[str, Range]
     kept_fields: list[str]
 
-    def first_max_age_ns(self) -> int:
-        """How old its samples may be."""
+    def proposed_max_age_ns(self) -> int:
+        """The largest age that its samples may have, in ns, as the survey proposes."""
 
 
 class Range(Protocol):
-    """The ends of the numbers of a field."""
+    """The lowest and the highest number of a field."""
 
     low: float
     high: float
@@ -56,7 +56,7 @@ AGE = "AGE"
 
 
 def robot_kinds() -> dict[str, str]:
-    """Each kind with one line about it: what its program says first."""
+    """By kind of robot: one line about it, the first sentence of its program."""
     programs = sorted(FOLDER.glob(f"*/{PROGRAM}"))
     heads = [p.read_text(encoding="utf-8").partition("{{name}}: ")[2] for p in programs]
     lines = [" ".join(head.partition(".")[0].replace("\n//", "").split()) for head in heads]
@@ -66,7 +66,7 @@ def robot_kinds() -> dict[str, str]:
 def texts_of_kind(
     kind: str, names: Mapping[str, str], settings: Sequence[str], survey: LogSurvey | None
 ) -> dict[str, str]:
-    """The texts of a robot's files, by name; SoterError U001, U004 (wrong figures), D016."""
+    """Texts of a robot's files by name; SoterError U001, U004 for wrong figures, D016."""
     known = robot_kinds()
     if kind not in known:
         lines = (f"{name}: {line}" for name, line in known.items())
@@ -109,7 +109,7 @@ def _figure_values(program: str, settings: Sequence[str]) -> dict[str, str]:
 
 
 def _checked_figure(name: str, text: str, known: re.Match[str]) -> str:
-    """A value that somebody gave; SoterError U001 where the figure cannot have it."""
+    """The text of a figure that somebody set; SoterError U001 if the figure cannot be that."""
     if known[2] == "duration":
         return write_ns(time_ns(name, text) or 0)
     try:
@@ -125,10 +125,10 @@ def _checked_figure(name: str, text: str, known: re.Match[str]) -> str:
 def _fill_from_log(
     texts: dict[str, str], figures: dict[str, str], survey: LogSurvey, settings: Sequence[str]
 ) -> None:
-    """Puts the age of a log into the figures, and into the head of the program its ranges."""
+    """Puts the age of a log's samples into the figures, and its ranges into the program's head."""
     channel = CHANNEL.findall(texts[MAPPING])[0]
     found = survey.channels.get(channel)
-    age = found.first_max_age_ns() if found is not None else 0
+    age = found.proposed_max_age_ns() if found is not None else 0
     if found is None or not age:
         channels = ", ".join(f"`{safe(name)[:60]}`" for name in list(survey.channels)[:8])
         message = f"the log does not say how often `{channel}` comes, which this kind reads"

@@ -58,7 +58,7 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Draws the system, and writes the SVG."""
+    """Draws the system, and writes the SVG or prints Core."""
     program = loaded_program(args, console)
     if args.core:
         return _print_core(program.declared(args.system, dict(args.params)), program, console)

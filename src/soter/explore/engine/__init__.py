@@ -2,6 +2,6 @@
 
 - `search.py` runs one search with the program's names; `explorer_library.py` calls the C in `c/`.
 - `reductions.py` explores independent parts alone, and chooses between two reductions.
-- `coverage.py` says what a search has seen, and what it has not.
+- `coverage.py` counts what a search has reached, and names what it has not.
 - `shrink.py` makes a violating execution smaller.
 """

@@ -1,4 +1,4 @@
-"""What a search has seen of a program, and by name what it has not; how far a search is.
+"""The coverage of a search: how much of a program it reached, and what not; its progress.
 
 Purpose: `Coverage` counts the properties, actors, modes, branches, values that were reached, out of
 all there are, and names the others. `CoverageCounters`, `EngineProgress` and `Observations` (what a
@@ -31,15 +31,15 @@ if TYPE_CHECKING:
 
 EACH_VALUE_MAX = 64
 """An int with up to this many values has a class for each of them."""
-MEMBERS = 256
+MEMBERS_MAX = 256
 """The first members of an enum, up to this many, have a class each."""
-EACH = 8
+FIRST_INT_CLASS = 8
 """The engine's number for the class of the first value of a small set of ints."""
 
 
 @dataclass(frozen=True)
 class CoverageKind:
-    """One kind of thing: how many there are, and the names of those that were not reached."""
+    """The coverage of one kind of thing: how many there are, and the names of those not reached."""
 
     total: int = 0
     unreached: tuple[str, ...] = ()
@@ -51,13 +51,13 @@ class CoverageKind:
 
     def merge(self, other: CoverageKind) -> CoverageKind:
         """The coverage of two searches of the same program, taken together."""
-        both = set(other.unreached)
-        return CoverageKind(self.total, tuple([n for n in self.unreached if n in both]))
+        unreached = set(other.unreached)
+        return CoverageKind(self.total, tuple([n for n in self.unreached if n in unreached]))
 
 
 @dataclass(frozen=True)
 class Coverage:
-    """What a search reached. The parts in this order wherever they are shown.
+    """The coverage of a search, kind by kind, in the order in which the kinds are shown.
 
     `properties`: those that were judged at least once: a contract as its node stepped, an `always`
     where time may pass, a `leadsto` where its premise held and its deadline came before the end.
@@ -70,8 +70,8 @@ class Coverage:
     branches: CoverageKind = field(default_factory=CoverageKind)
     values: CoverageKind = field(default_factory=CoverageKind)
 
-    def parts(self) -> Iterator[tuple[str, CoverageKind]]:
-        """Each part with its name, in order."""
+    def kinds_by_name(self) -> Iterator[tuple[str, CoverageKind]]:
+        """Yields the name of each kind and its coverage, in order."""
         yield "properties", self.properties
         yield "actors", self.actors
         yield "modes", self.modes
@@ -82,7 +82,7 @@ class Coverage:
     @property
     def unreached(self) -> tuple[str, ...]:
         """The names of everything that was not reached."""
-        return tuple([name for _, part in self.parts() for name in part.unreached])
+        return tuple([name for _, kind in self.kinds_by_name() for name in kind.unreached])
 
 
 def kind_coverage(named: Iterable[tuple[str, bool]]) -> CoverageKind:
@@ -93,7 +93,7 @@ def kind_coverage(named: Iterable[tuple[str, bool]]) -> CoverageKind:
 
 @dataclass(frozen=True)
 class CoveredLeaf:
-    """A scalar of a topic: full name with its path, type, bounds (infinite: none)."""
+    """A scalar of a topic: its full name with the path, its type, its bounds (infinite: none)."""
 
     name: str
     type: Type
@@ -110,23 +110,23 @@ def leaf_classes(leaf: CoveredLeaf) -> list[tuple[int, str]]:
     if isinstance(leaf.type, BoolType):
         return [(0, f"{leaf.name} = false"), (1, f"{leaf.name} = true")]
     if isinstance(leaf.type, EnumType):
-        members = list(enumerate(leaf.type.members))[:MEMBERS]
+        members = list(enumerate(leaf.type.members))[:MEMBERS_MAX]
         return [(i, f"{leaf.name} = {member}") for i, member in members]
     if isinstance(leaf.type, IntType) and leaf.high - leaf.low < EACH_VALUE_MAX:
         count = int(leaf.high - leaf.low) + 1
-        return [(EACH + i, f"{leaf.name} = {int(leaf.low) + i}") for i in range(count)]
+        return [(FIRST_INT_CLASS + i, f"{leaf.name} = {int(leaf.low) + i}") for i in range(count)]
     return [(i, _class_name(leaf, i)) for i in _possible_classes(leaf)]
 
 
 def value_class(leaf: CoveredLeaf, value: float) -> int:
     """The engine's number for the class of a value (`class_of` in soter_explore_step.c).
 
-    -1 for a member of an enum beyond the first `MEMBERS`: it has no class.
+    -1 for a member of an enum beyond the first `MEMBERS_MAX`: it has no class.
     """
     if isinstance(leaf.type, (BoolType, EnumType)):
-        return int(value) if value < MEMBERS else -1
+        return int(value) if value < MEMBERS_MAX else -1
     if isinstance(leaf.type, IntType) and leaf.high - leaf.low < EACH_VALUE_MAX:
-        return EACH + int(value - leaf.low)
+        return FIRST_INT_CLASS + int(value - leaf.low)
     if value in (leaf.low, leaf.high):
         return 0 if value == leaf.low else 1
     return 2 if value < 0 else 4 if value > 0 else 3
@@ -147,7 +147,6 @@ def leaf_value(type_: Type, value: object, path: Sequence[str]) -> object:
 
 
 def _possible_classes(leaf: CoveredLeaf) -> list[int]:
-    """The numbers of the classes that a leaf's values can have."""
     low, high = leaf.low, leaf.high
     bounded_below, bounded_above = low > -float("inf"), high < float("inf")
     classes = [0] if bounded_below else []
@@ -212,10 +211,10 @@ def branches_coverage(names: Sequence[str], bits: Sequence[int]) -> CoverageKind
 
 @dataclass(frozen=True)
 class EngineProgress:
-    """How far a search is. `tracing`: something is violated, a way to it is looked for.
+    """The progress of a search. `tracing`: it looks for an execution to a violation that it found.
 
-    `bytes` of tables, frontiers and remembered steps; `answers` of the one step that is tried,
-    where they are very many. What is observed before `covered_ns` was judged (breadth first).
+    `bytes`: of tables, frontiers and remembered steps; `answers`: of the step that is being tried,
+    if very many. Everything observable before `covered_ns` was judged (breadth first).
     """
 
     states: int
@@ -229,7 +228,7 @@ class EngineProgress:
 
 
 def read_progress(progress: Any, seconds: float) -> EngineProgress:  # noqa: ANN401 - cdata
-    """Reads the `soter_explore_progress` that the C search updates as it goes."""
+    """The progress in a `soter_explore_progress`, which the C search updates as it goes."""
     return EngineProgress(
         states=int(progress.states),
         transitions=int(progress.transitions),
@@ -244,9 +243,9 @@ def read_progress(progress: Any, seconds: float) -> EngineProgress:  # noqa: ANN
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """The bits (words,) that a search notes at ends of instants, and perhaps a goal.
+    """The mask (words,) of the bits that a search notes at ends of instants, and perhaps a goal.
 
-    `goal`, (words,): an end with these bits violates property `sought`. `memory`: in bytes.
+    `goal`, (words,): an end with these bits violates property `sought`. `memory`: bytes for notes.
     """
 
     mask: WantedWords
@@ -254,7 +253,7 @@ class Observations:
     goal: WantedWords | None = None
     sought: int = 0
 
-    def options(self, ffi: Any) -> dict[str, object]:  # noqa: ANN401 - cffi has no types
+    def option_fields(self, ffi: Any) -> dict[str, object]:  # noqa: ANN401 - cffi has no types
         """The fields for `soter_explore_options`; their arrays live as long as this object."""
         null = ffi.NULL
         return {
@@ -267,7 +266,7 @@ class Observations:
 
 @dataclass(frozen=True)
 class CoverageCounters:
-    """Coverage, added up over all searches of an engine; see `soter_explore_coverage`.
+    """The coverage of all searches of an engine, added up; see `soter_explore_coverage`.
 
     `branches`: one word for 64 branches; `classes`: (leaves, 256); `modes` and `switches`:
     (modules, 2), SC first; `fired`: (actors,); `judged`: (properties and timed ones,).

@@ -55,7 +55,7 @@ C_TYPES = """soter_explore_options *, soter_explore_progress *, soter_explore_re
 soter_explore_coverage *, soter_trace_step[], soter_broken[], uint64_t *, uint8_t *"""
 """The types that a search uses; cffi parses each name once beforehand, which takes 15 ms."""
 LOOK_S = 0.1
-"""Seconds between two looks at how far a search is."""
+"""Seconds between two looks at the progress of a search."""
 
 S = TypeVar("S")
 """The type of a trace's steps."""
@@ -74,7 +74,7 @@ def explorer_interface() -> Any:  # noqa: ANN401 - cffi has no types
 
 @dataclass(frozen=True)
 class RawChoice:
-    """An answered choice: hash of the stream's name (FNV-1a), alternatives, which one."""
+    """An answered choice: its stream's name as FNV-1a hash, the alternatives, the picked one."""
 
     stream: int
     count: int
@@ -97,10 +97,10 @@ class RawStep:
 
 @dataclass(frozen=True, kw_only=True)
 class EngineSettings(SearchOptions):
-    """How the engine searches: the user's options, and those that only tests and `Search` set.
+    """The settings of the engine: the user's options, and those that only tests and `Search` set.
 
     `plainly`: run every step, remember none. `go_on`: do not stop at a violation. `keep`: keep
-    what is stored for `Engine.configurations`. `closes`: end where all that comes later was there
+    what is stored for `stored_configurations`. `closes`: end once all later configurations came
     before, if the plan is one that `repeats`.
     """
 
@@ -121,9 +121,9 @@ class EngineSettings(SearchOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class SearchResult(Generic[S]):
-    """What a search found; `status`: one of STATUSES; `broken`: (what, index) of soter_broken.
+    """The result of a search; `status`: one of STATUSES; `broken`: (what, index) of soter_broken.
 
-    `steps` are all of one kind: numbers of the engine (`Searched`), or names (`search.Found`).
+    `steps` have numbers of the engine (`Searched`) or names of the program (`search.Found`).
     """
 
     status: str
@@ -132,20 +132,20 @@ class SearchResult(Generic[S]):
     states: int = 0
     transitions: int = 0
     combined: int = 0
-    """How many of `transitions` combine what groups of actors do, so that no step was run."""
+    """How many of `transitions` combine known steps of groups of actors, and were not run."""
     runs: int = 0
     table_bytes: int = 0
     frontier_bytes: int = 0
     depth: int = 0
     seconds: float = 0.0
     covered_ns: int = 0
-    """All that is observed before this time was judged; `TIME_MAX`: all there is; 0: sampling."""
+    """Everything observable before this time was judged; `TIME_MAX`: all times; 0: sampling."""
     closed_ns: int = 0
-    """All that comes after this time was there before; 0: that is not known."""
+    """Every configuration after this time came before; 0: that is not known."""
     closable: bool = False
     """Whether `closed_ns` was looked for, or would be before a later horizon."""
     stopped: str = ""
-    """What ended it early: "interrupted" (Ctrl-C), "time" (its time was over)."""
+    """The reason for an early end: "interrupted" (Ctrl-C), "time" (its time was over), or ""."""
     total_bytes: int = 0
     """The bytes of tables, frontiers and remembered steps, which `memory` bounds."""
     needed_bytes: int = 0
@@ -155,7 +155,7 @@ class SearchResult(Generic[S]):
     chooser: int = -1
     """For status "choices" the actor that asks for too many; -1: the start."""
     apart: bool = False
-    """Whether its steps are only those of one part of the system, not of an execution of all."""
+    """Whether only one part of the system shows the violation, and no execution of all of it."""
 
 
 Searched = SearchResult[RawStep]
@@ -173,7 +173,7 @@ class Engine:
         self.system = system
         self.plan = make_plan(system, lowered)
         self.parts = find_parts(system, lowered, self.plan)
-        self.loose = find_joined_parts(system, lowered, self.plan)
+        self.joined_parts = find_joined_parts(system, lowered, self.plan)
         self.generated = generate_model(system, lowered, self.plan)
         self.actors = self.plan.actors
         self.path = library(self.generated.unit, "-O2", (*FLAGS, *extra), c_sources())
@@ -187,7 +187,7 @@ class Engine:
         self.configuration_size = int(self.model.configuration_size)
         self._kept = self.ffi.NULL
         self.should_stop: Callable[[], bool] = lambda: False
-        """Tells whether searches should end; asked ten times a second."""
+        """Says whether searches should end; called ten times a second."""
         self.seen = empty_counters(system, self.generated)
 
     def close(self) -> None:
@@ -197,7 +197,7 @@ class Engine:
             self._kept = self.ffi.NULL
 
     def take_stored(self) -> Any:  # noqa: ANN401 - cdata
-        """Hands over what the last search kept; the caller frees it with `soter_explore_free`."""
+        """Hands over the configurations kept; the caller frees them with `soter_explore_free`."""
         kept, self._kept = self._kept, self.ffi.NULL
         return kept
 
@@ -222,14 +222,14 @@ class Engine:
 
         return self._run_search(settings, look, search, patience_s)
 
-    def least(
+    def find_shortest_trace(
         self,
         settings: EngineSettings,
         broken: tuple[int, int],
         look: Callable[[EngineProgress], None] | None = None,
         patience_s: float = math.inf,
     ) -> Searched:
-        """Searches the shortest trace to the same violation, for at most `patience_s` seconds.
+        """Searches the shortest trace to the violation `broken`, for at most `patience_s` seconds.
 
         The status is `violated` if it was found.
         """
@@ -250,7 +250,7 @@ class Engine:
         patience_s: float = math.inf,
     ) -> Searched:
         self.close()
-        options = self.options(settings)
+        options = self.option_struct(settings)
         progress = self.ffi.new("soter_explore_progress *")
         result = self.ffi.new("soter_explore_result *")
         trace = self.ffi.new("soter_trace_step[]", STEPS_MAX)  # untouched pages cost nothing
@@ -269,11 +269,11 @@ class Engine:
         look: Callable[[EngineProgress], None] | None,
         patience_s: float,
     ) -> str:
-        """Runs `do` in a thread; returns what stopped it early, "" if nothing did."""
+        """Runs `do` in a thread; returns why it ended early ("interrupted", "time"), or ""."""
         failures: list[BaseException] = []
         done = threading.Event()
 
-        def work() -> None:
+        def run_to_end() -> None:
             try:
                 do()
             except BaseException as error:  # noqa: BLE001 - raised again below
@@ -281,7 +281,7 @@ class Engine:
             finally:
                 done.set()
 
-        threading.Thread(target=work, name="soter explorer").start()
+        threading.Thread(target=run_to_end, name="soter explorer").start()
         stopped = self._await_end(done, progress, look, patience_s)
         if failures:
             raise failures[0]
@@ -294,10 +294,10 @@ class Engine:
         look: Callable[[EngineProgress], None] | None,
         patience_s: float,
     ) -> str:
-        """Waits for the thread and returns what stopped it; Ctrl-C makes the search end in order.
+        """Waits for the thread, also after Ctrl-C; returns why it ended early, or "".
 
-        Not with `Thread.join`: after an interruption Python 3.11 takes the thread for ended, and
-        the memory to which it still writes would be freed.
+        It does not call `Thread.join`: after an interruption Python 3.11 takes the thread for
+        ended, and the memory to which it still writes would be freed.
         """
         failure: BaseException | None = None
         stopped, began = "", time.perf_counter()
@@ -318,7 +318,7 @@ class Engine:
             raise failure
         return stopped
 
-    def options(self, settings: EngineSettings) -> Any:  # noqa: ANN401 - cdata
+    def option_struct(self, settings: EngineSettings) -> Any:  # noqa: ANN401 - cdata
         """The `soter_explore_options` of a search; its pointers are valid until the next call."""
         only_ends = stores_only_ends(settings.reduction)
         known = [{"what": kind, "index": index} for kind, index in settings.known]
@@ -344,7 +344,7 @@ class Engine:
                 "closes": settings.closes and self.plan.repeats and only_ends,
                 "known": self._known,
                 "knowns": len(settings.known),
-                **(settings.noted.options(self.ffi) if settings.noted else {}),
+                **(settings.noted.option_fields(self.ffi) if settings.noted else {}),
             },
         )
 
@@ -354,8 +354,8 @@ class Engine:
 
     def _read_result(self, result: Any, trace: Any, seconds: float) -> Searched:  # noqa: ANN401 - cdata
         status = STATUSES[int(result.status)]
-        found = result.broken
-        broken = (int(found.what), int(found.index)) if status == "violated" else None
+        violation = result.broken
+        broken = (int(violation.what), int(violation.index)) if status == "violated" else None
         return Searched(
             status=status,
             broken=broken,
@@ -393,7 +393,7 @@ class Engine:
     ) -> tuple[int, tuple[int, int] | None, npt.NDArray[np.uint8]]:
         """Replays steps in C: how many are possible, the violation after the last, configurations.
 
-        The last have a row after each step: (steps, configuration_size).
+        The configurations have a row for each step, after it: (steps, configuration_size).
         """
         trace = self._trace_array(steps)
         configurations = np.zeros((len(steps), self.configuration_size), dtype=np.uint8)
@@ -407,30 +407,30 @@ class Engine:
 
     def complete_trace(self, settings: EngineSettings, steps: Sequence[RawStep]) -> Searched | None:
         """Extends an execution of `settings.part` to the whole system; None if impossible."""
-        whole = self.ffi.new("soter_trace_step[]", STEPS_MAX)
+        trace = self.ffi.new("soter_trace_step[]", STEPS_MAX)
         broken = self.ffi.new("soter_broken *")
-        options, part = self.options(settings), self._trace_array(steps)
+        options, part = self.option_struct(settings), self._trace_array(steps)
         length = self.lib.soter_explore_complete(
-            self.model, options, part, len(steps), whole, STEPS_MAX, broken
+            self.model, options, part, len(steps), trace, STEPS_MAX, broken
         )
         if length == 0:
             return None
-        made, violation = tuple(map(self._read_step, whole[0:length])), (broken.what, broken.index)
+        made, violation = tuple(map(self._read_step, trace[0:length])), (broken.what, broken.index)
         return Searched(status="violated", broken=violation, depth=length, steps=made)
 
-    def violated_at_start(self, patience_s: float = math.inf) -> bool:
+    def is_violated_at_start(self, patience_s: float = math.inf) -> bool:
         """Whether a start violates a property before any step; True also if the search was stopped.
 
-        Deadlines do not count. Parts alone would miss such a violation if another part steps before
-        the one that the property reads, so they are then not explored alone.
+        Deadlines do not count. If it does, parts are not explored alone: they would miss such a
+        violation if another part steps before the one that the property reads.
         """
         progress = self.ffi.new("soter_explore_progress *")
         verdicts: list[bool] = []
 
-        def look() -> None:
+        def judge_starts() -> None:
             verdicts.append(bool(self.lib.soter_explore_starts_broken(self.model, progress)))
 
-        return bool(self.run_in_thread(look, progress, None, patience_s)) or verdicts[0]
+        return bool(self.run_in_thread(judge_starts, progress, None, patience_s)) or verdicts[0]
 
     def _trace_array(self, steps: Sequence[RawStep]) -> Any:  # noqa: ANN401 - cdata
         trace = self.ffi.new("soter_trace_step[]", max(len(steps), 1))
@@ -442,7 +442,7 @@ class Engine:
                 place.stream, place.count, place.pick = choice.stream, choice.count, choice.pick
         return trace
 
-    def configurations(self) -> Bytes:
+    def stored_configurations(self) -> Bytes:
         """The configurations that the last search kept: (states, configuration_size)."""
         if self._kept == self.ffi.NULL:
             return np.zeros((0, self.configuration_size), dtype=np.uint8)

@@ -1,11 +1,11 @@
 """Saves a search work: explores parts alone, and chooses between two reductions.
 
 Purpose: a `ComposedSearch` searches parts alone that share nothing but time and some properties,
-and judges such a property on all combinations of what was noted at one time (docs/testing.md,
-"Joined parts"). With reduction `all`, `explore_by_quicker` begins two searches: one stores only
-ends of instants and combines what groups of actors do, the other stores what lies between, with
-ample sets; the one that came further after as many steps goes on. The choice reads no clock:
-it is the same everywhere.
+and judges such a property on all combinations of what its parts noted at one time
+(docs/testing.md, "Joined parts"). With reduction `all`, `explore_by_quicker` begins two searches:
+one stores only ends of instants and combines what groups of actors do, the other also stores
+configurations between ends, with ample sets; the one that came further after as many steps goes
+on. The choice reads no clock: it is the same everywhere.
 Non-goals: which parts there are (`model/exploration_plan.py`); verdicts, which are the same either
 way.
 """
@@ -35,11 +35,11 @@ if TYPE_CHECKING:
 
 BIRTH = 4
 """The kind of the step that is the start."""
-SHARE = 8
+NOTES_SHARE = 8
 """One part in this many of the memory is for notes; combining them takes about three times that."""
-LEAST = 1 << 20
-"""The least bytes for what is noted of a part."""
-MOST = 8
+NOTES_BYTES_MIN = 1 << 20
+"""The least bytes for the notes on a part."""
+JOINED_PARTS_MAX = 8
 """The most parts that a property may read so that its combinations are tried."""
 
 
@@ -52,47 +52,48 @@ class ComposedSearch:
         settings: EngineSettings,
         look: Callable[[EngineProgress], None] | None,
     ) -> None:
-        assert engine.loose is not None
+        assert engine.joined_parts is not None
         self._engine = engine
         self._settings = settings
         self._look = look
-        self._loose = engine.loose
-        self._share = settings.memory // (SHARE * len(engine.loose.parts))
+        self._joined = engine.joined_parts
+        self._notes_bytes = settings.memory // (NOTES_SHARE * len(engine.joined_parts.parts))
 
     @staticmethod
     def can_search(engine: Engine, settings: EngineSettings) -> bool:
-        """Whether the parts can be searched so: breadth first, exact, with all reductions."""
-        loose = engine.loose
-        if loose is None or not engine.model.plain or settings.known or settings.max_states:
+        """Whether joined parts can be searched alone: breadth first, exact, with all reductions."""
+        joined = engine.joined_parts
+        if joined is None or not engine.model.plain or settings.known or settings.max_states:
             return False
         if engine.model.ordered:  # what is put together would be in the order of the parts
             return False
-        if settings.memory < LEAST * SHARE * len(loose.parts):
+        if settings.memory < NOTES_BYTES_MIN * NOTES_SHARE * len(joined.parts):
             return False
         if (settings.strategy, settings.storage) != ("bfs", "exact"):
             return False
-        return settings.reduction == "all" and all(len(j.parts) <= MOST for j in loose.joints)
+        few = all(len(j.parts) <= JOINED_PARTS_MAX for j in joined.joints)
+        return few and settings.reduction == "all"
 
-    def run(self, patience_s: float) -> list[Searched] | None:
-        """The searches of the parts, of which the last one ended it; None: too little memory."""
+    def search_parts(self, patience_s: float) -> list[Searched] | None:
+        """Searches part by part, until one is violated or stopped; None if memory is too small."""
         engine, until = self._engine, time.perf_counter() + patience_s
         searches: list[Searched] = []
         kept: list[Any] = []
         try:
-            for part in self._loose.parts:
+            for part in self._joined.parts:
                 left = max(until - time.perf_counter(), 0.0)
-                noted = Observations(self._noted_bits(part), self._share)
+                noted = Observations(self._noted_bits(part), self._notes_bytes)
                 last = self._run_part(part, noted, left)
                 kept.append(engine.take_stored())
                 if last.status == "memory":  # perhaps that of the notes, which have a share of it
                     return None
                 if last.status == "violated":
                     own_settings = replace(self._settings, part=part)
-                    last = with_other_parts(engine, own_settings, last, last.steps)
+                    last = completed_trace(engine, own_settings, last, last.steps)
                 searches.append(last)
                 if last.status != "exhausted":
                     return searches
-            for joint in self._loose.joints:
+            for joint in self._joined.joints:
                 left = max(until - time.perf_counter(), 0.0)
                 status, goals, stopped = self._judge_joint(joint, kept, left)
                 if status == "memory":
@@ -108,8 +109,8 @@ class ComposedSearch:
         return searches
 
     def _run_part(self, part: IndependentPart, noted: Observations, patience_s: float) -> Searched:
-        once = replace(self._settings, part=part, noted=noted)
-        return self._engine.explore(once, self._look, patience_s)
+        part_settings = replace(self._settings, part=part, noted=noted)
+        return self._engine.explore(part_settings, self._look, patience_s)
 
     def _noted_bits(self, part: IndependentPart) -> Words:
         mask = np.zeros(self._engine.words, dtype=np.uint64)
@@ -117,20 +118,20 @@ class ComposedSearch:
         self._engine.lib.soter_explore_noted(self._engine.model, part.actors, words)
         return mask
 
-    # ------------------------------------------------------------ what joins them
+    # ------------------------------------------------------------ properties of several parts
 
     def _judge_joint(
         self, joint: SharedProperty, kept: list[Any], patience_s: float
     ) -> tuple[str, Words, str]:
-        """Judges a property on all combinations: status, goals (parts, words), what stopped it."""
+        """Judges a property on all combinations: status, goals (parts, words), why it stopped."""
         engine = self._engine
         goals = np.zeros((len(joint.parts), engine.words), dtype=np.uint64)
         sides = engine.ffi.new("soter_side[]", len(joint.parts))
         for side, number in zip(sides, joint.parts, strict=True):
-            side.actors, side.kept = self._loose.parts[number].actors, kept[number]
+            side.actors, side.kept = self._joined.parts[number].actors, kept[number]
         words = engine.ffi.cast("uint64_t *", goals.ctypes.data)
         progress = engine.ffi.new("soter_explore_progress *")
-        options, coverage = engine.options(self._settings), engine.coverage()
+        options, coverage = engine.option_struct(self._settings), engine.coverage()
         ended: list[int] = []
 
         def combine() -> None:
@@ -156,10 +157,10 @@ class ComposedSearch:
         actors = 0
         last: Searched | None = None
         for number, goal in zip(joint.parts, goals, strict=True):
-            part = self._loose.parts[number]
+            part = self._joined.parts[number]
             actors |= part.actors
             left = max(until - time.perf_counter(), 0.0)
-            noted = Observations(self._noted_bits(part), self._share, goal, joint.property)
+            noted = Observations(self._noted_bits(part), self._notes_bytes, goal, joint.property)
             last = self._run_part(IndependentPart(part.actors, 0, part.timeds), noted, left)
             if last.broken != broken or not last.steps:
                 return replace(last, status="violated", broken=broken, steps=(), states=0)
@@ -168,20 +169,20 @@ class ComposedSearch:
         last = replace(last, broken=broken, states=0)
         part = IndependentPart(actors, 1 << joint.property, 0)
         own_settings = replace(self._settings, part=part)
-        return with_other_parts(self._engine, own_settings, last, _merge_executions(steps))
+        return completed_trace(self._engine, own_settings, last, _merge_executions(steps))
 
 
-def with_other_parts(
+def completed_trace(
     engine: Engine, settings: EngineSettings, violated: Searched, steps: Sequence[RawStep]
 ) -> Searched:
     """The violation, with `steps` of one part completed to an execution of the whole system.
 
     It has no steps, and is `apart`, if the other parts allow no such execution.
     """
-    whole = engine.complete_trace(settings, steps) if steps else None
-    if whole is None:
+    completed = engine.complete_trace(settings, steps) if steps else None
+    if completed is None:
         return replace(violated, steps=(), apart=bool(steps))
-    return replace(violated, steps=whole.steps, broken=whole.broken)
+    return replace(violated, steps=completed.steps, broken=completed.broken)
 
 
 def _merge_executions(steps: list[tuple[RawStep, ...]]) -> tuple[RawStep, ...]:
@@ -192,31 +193,31 @@ def _merge_executions(steps: list[tuple[RawStep, ...]]) -> tuple[RawStep, ...]:
     return (initial, *sorted(rest, key=lambda step: step.time_ns))
 
 
-RUN = 2_000
-"""How many steps each of the two beginnings has: about what a thousand configurations take."""
+TRIAL_STEPS = 2_000
+"""How many steps each of the two trial searches runs: about those of a thousand configurations."""
 SHORT_OF_MEMORY = ("memory", "no_memory")
 CUT_SHORT = (*SHORT_OF_MEMORY, "states", "stopped")
 
 
-def may_choose(settings: EngineSettings) -> bool:
+def may_pick_reduction(settings: EngineSettings) -> bool:
     """Whether a search may choose between the two reductions.
 
     It may not if the user asked for one, or if it matters what is stored: with a bound on
     configurations, if they are kept, or if ends are noted.
     """
-    asked = (
+    user_chose = (
         settings.reduction != "all"
         or settings.strategy != STRATEGIES[0]
         or settings.storage != STORAGES[0]
     )
-    stored = (
+    storage_matters = (
         settings.max_states
         or settings.keep
         or settings.go_on
         or settings.known
         or settings.noted is not None
     )
-    return not (asked or stored or settings.plainly)
+    return not (user_chose or storage_matters or settings.plainly)
 
 
 def explore_by_quicker(
@@ -227,7 +228,7 @@ def explore_by_quicker(
 ) -> Searched:
     """Explores by the quicker of two reductions, if both are allowed, for at most `left_s` seconds.
 
-    If memory does not suffice for what lies between ends of instants, only the ends are stored.
+    If memory does not suffice for configurations between ends of instants, only ends are stored.
     """
     began = time.perf_counter()
 
@@ -237,12 +238,12 @@ def explore_by_quicker(
     def explore(how: EngineSettings) -> Searched:
         return engine.explore(how, look, seconds_left())
 
-    chosen = _choose_settings(engine, settings, left_s) if may_choose(settings) else settings
-    result = explore(chosen) if isinstance(chosen, EngineSettings) else chosen
-    if result.status in SHORT_OF_MEMORY and chosen != settings:
+    pick = _choose_settings(engine, settings, left_s) if may_pick_reduction(settings) else settings
+    result = explore(pick) if isinstance(pick, EngineSettings) else pick
+    if result.status in SHORT_OF_MEMORY and pick != settings:
         ends = explore(settings)
         if ends.status not in CUT_SHORT or ends.covered_ns >= result.covered_ns:
-            result = ends  # what it found counts, however far the other one came
+            result = ends  # a violation or a full search counts, however far the other one came
     return replace(result, seconds=time.perf_counter() - began)
 
 
@@ -265,11 +266,11 @@ def _pick_reduction(
     engine: Engine, settings: EngineSettings, left_s: float
 ) -> EngineSettings | Searched:
     """The settings whose trial search came further; or the result of one that already ended."""
-    ends = engine.explore(replace(settings, max_ran=RUN, threads=1), None, left_s)
+    ends = engine.explore(replace(settings, max_ran=TRIAL_STEPS, threads=1), None, left_s)
     if ends.status != "states" or ends.stopped:
         return ends
     middle_settings = replace(settings, between=True)
-    middle = engine.explore(replace(middle_settings, max_ran=RUN, threads=1), None, left_s)
+    middle = engine.explore(replace(middle_settings, max_ran=TRIAL_STEPS, threads=1), None, left_s)
     if middle.status != "states" or middle.stopped:
         return middle
     lead_ns = ends.covered_ns - middle.covered_ns

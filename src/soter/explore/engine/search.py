@@ -31,7 +31,7 @@ from soter.explore.engine.explorer_library import (
     RawStep,
     SearchResult,
 )
-from soter.explore.engine.reductions import ComposedSearch, explore_by_quicker, with_other_parts
+from soter.explore.engine.reductions import ComposedSearch, completed_trace, explore_by_quicker
 from soter.explore.engine.shrink import Guided, Shrinker, array_to_steps, steps_to_array
 from soter.explore.judge import INPUT, test_plan
 from soter.explore.search_options import SAMPLING, SearchProgress
@@ -52,11 +52,11 @@ if TYPE_CHECKING:
 
 JUDGED, MET = 1, 2
 """The engine's bits `SOTER_JUDGED` and `SOTER_MET`."""
-TOLD = 64
-"""How many executions lie between two reports of how far shrinking is."""
+REPORT_EVERY = 64
+"""How many executions lie between two reports of the progress of shrinking."""
 
 Found = SearchResult[Step]
-"""What a search found, with names in its steps."""
+"""The result of a search, with names of the program in its steps."""
 
 
 class Search:
@@ -69,7 +69,7 @@ class Search:
         progress: Callable[[SearchProgress], None] | None = None,
         should_stop: Callable[[], bool] | None = None,
     ) -> None:
-        """`should_stop`: whether somebody wants it to end; asked ten times a second."""
+        """`should_stop`: whether the search should end; called ten times a second."""
         self._system = system
         self.options = options
         self._settings = EngineSettings(**vars(options), closes=True)
@@ -113,19 +113,22 @@ class Search:
     def _may_search_apart(self, settings: EngineSettings) -> bool:
         """Whether the system has parts, and no start violates a property before any step."""
         engine = self._engine
-        some = len(engine.parts) > 1 or ComposedSearch.can_search(engine, settings)
-        return some and not engine.violated_at_start(self._time_s)
+        has_parts = len(engine.parts) > 1 or ComposedSearch.can_search(engine, settings)
+        return has_parts and not engine.is_violated_at_start(self._time_s)
 
     def _search_joined_parts(self, settings: EngineSettings, until: float) -> list[Searched] | None:
         """The searches of parts that only properties join; None if that does not work."""
         engine = self._engine
         if not ComposedSearch.can_search(engine, settings):
             return None
-        assert engine.loose is not None
-        self.parts = len(engine.loose.parts)
-        look = self._make_report(minimising=False)
-        searches = ComposedSearch(engine, settings, look).run(max(until - time.perf_counter(), 0.0))
-        if searches and searches[-1].status != "exhausted":  # what joins the parts was not judged
+        assert engine.joined_parts is not None
+        self.parts = len(engine.joined_parts.parts)
+        left_s, look = (
+            max(until - time.perf_counter(), 0.0),
+            self._progress_reporter(minimising=False),
+        )
+        searches = ComposedSearch(engine, settings, look).search_parts(left_s)
+        if searches and searches[-1].status != "exhausted":  # joining properties were not judged
             searches[-1] = replace(searches[-1], covered_ns=0)
         return searches
 
@@ -141,10 +144,10 @@ class Search:
                 settings, part=part, max_states=states_left if settings.max_states else 0
             )
             left_s = max(until - time.perf_counter(), 0.0)
-            look = self._make_report(minimising=False)
+            look = self._progress_reporter(minimising=False)
             searches.append(explore_by_quicker(self._engine, own_settings, look, left_s))
             if searches[-1].status == "violated" and part is not None:
-                searches[-1] = with_other_parts(
+                searches[-1] = completed_trace(
                     self._engine, own_settings, searches[-1], searches[-1].steps
                 )
             if searches[-1].status != "exhausted" or (
@@ -157,15 +160,15 @@ class Search:
             searches[-1] = replace(searches[-1], status=status, covered_ns=0)
         return searches
 
-    def least(self, search_result: Found, patience_s: float) -> Found:
-        """The shortest execution to the same violation, sought for at most `patience_s` seconds.
+    def find_shortest_trace(self, search_result: Found, patience_s: float) -> Found:
+        """Searches the shortest trace to the same violation, for at most `patience_s` seconds.
 
         `status` is "violated" if it was found.
         """
         assert search_result.broken is not None
-        look = self._make_report(minimising=True)
+        look = self._progress_reporter(minimising=True)
         return self._name_steps(
-            self._engine.least(self._settings, search_result.broken, look, patience_s)
+            self._engine.find_shortest_trace(self._settings, search_result.broken, look, patience_s)
         )
 
     def shrink(self, search_result: Found, patience_s: float) -> Found | None:
@@ -174,16 +177,16 @@ class Search:
         None if the trace violates nothing. `transitions`: how many executions were tried.
         """
         assert search_result.broken is not None
-        look = self._make_report(minimising=True)
+        look = self._progress_reporter(minimising=True)
         guided = Guided(self._engine, self._settings.seed, search_result.broken)
         began = time.perf_counter()
 
         def report(tried: int, length: int) -> None:
-            if look is not None and tried % TOLD == 0:
+            if look is not None and tried % REPORT_EVERY == 0:
                 look(EngineProgress(0, tried, length, time.perf_counter() - began))
 
         shrinker = Shrinker(guided, self._engine.actors, deadline_s=began + patience_s, look=report)
-        shrunk = shrinker.run(steps_to_array([self._raw_step(s) for s in search_result.steps]))
+        shrunk = shrinker.shrink(steps_to_array([self._raw_step(s) for s in search_result.steps]))
         if shrunk is None:
             return None
         steps = tuple([self._named_step(raw) for raw in array_to_steps(shrunk.steps)])
@@ -202,13 +205,13 @@ class Search:
         kind = STEP_KINDS.index(step.kind)
         return RawStep(numbers.get(step.actor, -1), kind, step.release_ns, step.time_ns, choices)
 
-    def _make_report(self, *, minimising: bool) -> Callable[[EngineProgress], None] | None:
+    def _progress_reporter(self, *, minimising: bool) -> Callable[[EngineProgress], None] | None:
         progress = self._progress
         if progress is None:
             return None
         name, began = test_plan(self._system).name, time.perf_counter()
 
-        def look(p: EngineProgress) -> None:
+        def report(p: EngineProgress) -> None:
             spent = time.perf_counter() - began
             progress(
                 SearchProgress(
@@ -225,7 +228,7 @@ class Search:
                 )
             )
 
-        return look
+        return report
 
     # ------------------------------------------------------------ names
 
@@ -296,13 +299,11 @@ class Search:
     def judged_and_tested_properties(self) -> list[tuple[bool, bool]]:
         """For each property, then each timed one: whether it was judged; whether put to the test.
 
-        That is: an `always` whose premise held, or an `eventually` still open while time passed.
+        An `always` is when its premise holds, an `eventually` when it is open while time passes.
         """
         tested = [bool(x & MET) for x in self._engine.seen.judged.tolist()]
-        return [
-            (once, to_it)
-            for (_, once), to_it in zip(self._judged_properties(), tested, strict=False)
-        ]
+        pairs = zip(self._judged_properties(), tested, strict=False)
+        return [(judged, was_tested) for (_, judged), was_tested in pairs]
 
     def _published_classes(self) -> list[list[int]]:
         """By leaf and class, 1 if such a value was published or is the topic's default."""
@@ -328,7 +329,7 @@ class Search:
 
 
 def _sum_of_searches(searches: list[Searched]) -> Searched:
-    """Adds up the searches of parts; status, violation and trace are those of the last one."""
+    """The sum of the searches of parts; status, violation and trace are those of the last one."""
     return replace(
         searches[-1],
         states=sum(f.states for f in searches),
@@ -345,7 +346,7 @@ def _sum_of_searches(searches: list[Searched]) -> Searched:
 
 
 def branch_name(branch: StepBranch) -> str:
-    """Words for a branch: `SafeMotion.Careful, cart.soter:41:8, where the condition holds`."""
+    """The name of a branch: `SafeMotion.Careful, cart.soter:41:8, where the condition holds`."""
     side = "where the condition holds" if branch.taken else "where the condition does not hold"
     at = branch.span
     return f"{branch.component}, {Path(at.source.name).name}:{at.line}:{at.column}, {side}"

@@ -59,8 +59,8 @@ STEP = np.dtype(
 class GuidedRun:
     """An execution, and whether it ends in the violation that is looked for.
 
-    `steps`: (n,); `unusual`: (n,), how many choices of each are not the default one, its time and
-    its loss among them; `configurations`: (n, configuration_size), the configuration after each.
+    `steps`: (n,); `unusual`: (n,), how many choices of each step are not the default; lateness and
+    loss count as choices; `configurations`: (n, configuration_size), the one after each step.
     """
 
     steps: Steps
@@ -80,7 +80,7 @@ class Guided:
         assert STEP.fields is not None
         assert STEP.fields["choice"][1] == ffi.offsetof("soter_trace_step", "choice"), STEP
 
-    def run(
+    def execute_along(
         self, wish: Steps, limit: int, before: GuidedRun | None = None, begin: int = 0
     ) -> GuidedRun:
         """Executes up to `limit` steps along `wish`, (wishes,); the first `begin` from `before`."""
@@ -143,8 +143,8 @@ def array_to_steps(made: Steps) -> tuple[RawStep, ...]:
     return tuple(raw_steps)
 
 
-PARTS = (32, 2**32)
-"""The most parts into which a trace is cut where larger choices are tried: at first, at last."""
+PARTS_MAX = (32, 2**32)
+"""The most parts of a trace on which changes to choices are tried: in the first and last round."""
 PICKS = 16
 """The most alternatives of a question that are tried."""
 
@@ -155,7 +155,7 @@ class ShrinkTimeoutError(Exception):
 
 @dataclass(frozen=True)
 class ShrinkResult:
-    """The smallest execution found; `tried`: how many; `stopped`: "patience", "interrupted", ""."""
+    """The smallest execution found, of `tried` ones; `stopped`: "patience", "interrupted" or ""."""
 
     steps: Steps
     tried: int
@@ -163,9 +163,9 @@ class ShrinkResult:
 
 
 def execution_cost(made: GuidedRun) -> Cost:
-    """Steps, changes of actor, choices that are not the default; two more numbers settle ties.
+    """The cost of an execution: steps, changes of actor, choices that are not the default, ties.
 
-    These are how often the deployed order is left, and how late all steps are together, in ns.
+    Two numbers settle ties: how often the deployed order is left, and the sum of lateness in ns.
     """
     steps = made.steps[made.steps["actor"] != NOBODY]
     actor, time_ns = steps["actor"].astype(np.int64), steps["time"]
@@ -186,9 +186,9 @@ class Shrinker:
         deadline_s: float,
         look: Callable[[int, int], None] | None = None,
     ) -> None:
-        """`deadline_s`: when to end, of `time.perf_counter`.
+        """`deadline_s`: when to end, as `time.perf_counter` counts.
 
-        `look` is told how many executions were tried and how long the best one is.
+        `look` gets the number of executions tried, and the number of steps of the best one.
         """
         self._guided, self._look, self._deadline_s = guided, look, deadline_s
         self._period = np.array([a.period_ns for a in actors], dtype=np.int64)
@@ -196,18 +196,18 @@ class Shrinker:
         self._window = np.array([a.window_ns for a in actors], dtype=np.int64)
         self._skips = np.array([a.skips > 0 for a in actors])
         self._overrun = np.array([a.overrun_ns for a in actors], dtype=np.int64)
-        self._parts = PARTS[0]
+        self._parts = PARTS_MAX[0]
         self.tried = 0
 
-    def run(self, steps: Steps) -> ShrinkResult | None:
+    def shrink(self, steps: Steps) -> ShrinkResult | None:
         """Shrinks `steps`, (n,), as long as that helps; None if they violate nothing."""
-        self.best = self._guided.run(steps, len(steps))
+        self.best = self._guided.execute_along(steps, len(steps))
         self.cost = execution_cost(self.best)
         if not self.best.violates:
             return None
         stopped = ""
         try:
-            for self._parts in PARTS:
+            for self._parts in PARTS_MAX:
                 self._shrink_until_nothing_helps()
         except ShrinkTimeoutError:
             stopped = "patience"
@@ -218,7 +218,7 @@ class Shrinker:
     def _shrink_until_nothing_helps(self) -> None:
         passes = (
             self._try_leaving_out,
-            self._try_sooner_ways,
+            self._try_other_choices,
             self._try_orders,
             self._try_defaults,
             self._try_on_time,
@@ -234,8 +234,8 @@ class Shrinker:
         if time.perf_counter() > self._deadline_s:
             raise ShrinkTimeoutError
         best = self.best
-        begin = min(begin, len(best.steps) - 1)  # what violates is no configuration to go on from
-        made = self._guided.run(wish, len(best.steps), best, begin)
+        begin = min(begin, len(best.steps) - 1)  # after the last step the execution is over
+        made = self._guided.execute_along(wish, len(best.steps), best, begin)
         self.tried += 1
         if self._look is not None:
             self._look(self.tried, len(best.steps))
@@ -302,13 +302,13 @@ class Shrinker:
         changed = np.flatnonzero(~kept | (shift > 0))
         return wish[kept], int(changed[0]) if len(changed) else len(steps)
 
-    def _try_sooner_ways(self) -> None:
+    def _try_other_choices(self) -> None:
         """Tries choices, losses and lateness that may reach the violation sooner."""
         finest = max(len(self.best.steps) // self._parts, 1)
-        for change in self._push_changes():
+        for change in self._choice_changes():
             self._try_in_blocks(change, finest)
 
-    def _push_changes(self) -> Iterator[Change]:
+    def _choice_changes(self) -> Iterator[Change]:
         """Yields changes: every answer to each question; each actor lost, late, first or last."""
         asked = self.best.steps["choice"][_choice_mask(self.best.steps)]
         kinds = zip(asked["stream"].tolist(), asked["count"].tolist(), strict=True)
@@ -327,14 +327,14 @@ class Shrinker:
         """The change that makes every step of an actor as late, and as long, as it may be."""
         window, overrun = self._window[actor], self._overrun[actor]
 
-        def change(steps: Steps) -> Steps:
+        def delay_steps(steps: Steps) -> Steps:
             of_actor = steps["actor"] == actor
             ends = of_actor & (steps["kind"] == EFFECT)
             steps["time"][of_actor] = steps["release"][of_actor] + window
             steps["time"][ends] += overrun
             return steps[np.argsort(steps["time"], kind="stable")]
 
-        return change
+        return delay_steps
 
     # ------------------------------------------------------------ fewer changes of actor
 
@@ -394,21 +394,21 @@ def _choice_mask(steps: Steps) -> npt.NDArray[np.bool_]:
 def _change_answers(stream: int, count: int, pick: int) -> Change:
     """The change that answers every question of this stream with the same alternative."""
 
-    def change(steps: Steps) -> Steps:
+    def set_picks(steps: Steps) -> Steps:
         choice = steps["choice"]
         of_stream = (choice["stream"] == stream) & (choice["count"] == count) & _choice_mask(steps)
         choice["pick"][of_stream] = pick
         return steps
 
-    return change
+    return set_picks
 
 
 def _change_to_lost(actor: int) -> Change:
-    def change(steps: Steps) -> Steps:
+    def lose_releases(steps: Steps) -> Steps:
         steps["kind"][(steps["actor"] == actor) & (steps["kind"] != EFFECT)] = SKIPPED
         return steps
 
-    return change
+    return lose_releases
 
 
 def _steps_with_defaults(steps: Steps) -> Steps:
@@ -444,7 +444,7 @@ def _steps_by_release(steps: Steps) -> Steps:
 
 
 def _steps_by_continuing_actor(steps: Steps) -> Steps:
-    """Sorts each instant's steps so that an actor goes on from one instant to the next."""
+    """The steps, sorted within each instant so that an actor continues from one to the next."""
     groups = np.split(np.arange(len(steps)), np.flatnonzero(np.diff(steps["time"])) + 1)
     actor = steps["actor"]
     order: list[int] = []
@@ -460,6 +460,5 @@ def _steps_by_continuing_actor(steps: Steps) -> Steps:
 
 
 def _steps_with_one_moved(steps: Steps, number: int, place: int) -> Steps:
-    """The steps with step number `number` moved to place `place`."""
     order = np.insert(np.delete(np.arange(len(steps)), number), place, number)
     return steps[order]

@@ -1,11 +1,11 @@
 """Packs configurations into rows of bits: the bodies of `pack` and `unpack` in C.
 
 Purpose: a `Packing` builds both bodies together, field by field, as straight-line C with constant
-shifts, and loops for long arrays. What one writes the other reads, as one call builds both.
+shifts, and loops for long arrays. Each call adds a field to both, so that they agree.
 Non-goals: which fields there are (`explorer_model.py`).
 
-A field is never cut: its width comes from its type and from what is known of its values, and
-what cannot be bounded gets 64 bits.
+A field is never cut: its width comes from its type and the known bounds of its values; a value
+without bounds gets 64 bits.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ UNROLLED = 16
 """Arrays of more scalars than this are packed in a loop."""
 WORD = 64
 WORDS = c.Name("words")
-ALL = 2**64 - 1
+ALL_ONES = 2**64 - 1
 
 
 def u64(value: int) -> c.CExpr:
@@ -61,11 +61,11 @@ def as_u64(e: c.CExpr) -> c.CExpr:
     return c.Cast("uint64_t", e)
 
 
-# ---------------------------------------------------------------- what values a leaf has
+# ---------------------------------------------------------------- the values of a leaf
 
 
 def int_hulls(t: Type, bounds: Sequence[Bound | None], values: Iterable[Value]) -> list[Hull]:
-    """For each leaf of `leaves(t)`, the range of its ints: set, `values`, zeros of unused items."""
+    """For each leaf of `leaves(t)`, the range of its ints: its set, `values`, 0 in unused items."""
     leaf_hulls: list[Hull] = []
     for (path, leaf), bound in zip(leaves(t), bounds, strict=True):
         if not isinstance(leaf, IntType):
@@ -86,7 +86,7 @@ def int_hulls(t: Type, bounds: Sequence[Bound | None], values: Iterable[Value]) 
 
 
 def leaf_values(t: Type, value: Value) -> list[list[Value]]:
-    """For each leaf of `leaves(t)`, its values in `value`: those of all items of a list."""
+    """For each leaf of `leaves(t)`, the values that it has in `value`: several within a list."""
     if isinstance(t, RecordType):
         return [x for (_, f), v in zip(t.fields, value, strict=True) for x in leaf_values(f, v)]
     if isinstance(t, ArrayType):
@@ -100,11 +100,11 @@ def leaf_values(t: Type, value: Value) -> list[list[Value]]:
     return [[value]]
 
 
-def _shared_hulls(hulls_: Sequence[Hull], count: int) -> list[Hull]:
+def _shared_hulls(hulls: Sequence[Hull], count: int) -> list[Hull]:
     """For each leaf of an element, the hull of its values in all elements of an array."""
     element_hulls: list[Hull] = []
     for i in range(count):
-        same = [h for h in hulls_[i::count] if h is not None]
+        same = [h for h in hulls[i::count] if h is not None]
         element_hulls.append((min(h[0] for h in same), max(h[1] for h in same)) if same else None)
     return element_hulls
 
@@ -125,28 +125,28 @@ class Packing:
         """The label, first bit and width of every field so far."""
         self._names = 0
 
-    def name(self, stem: str) -> str:
-        """Gives a C variable a new name that begins with `stem`."""
+    def new_name(self, stem: str) -> str:
+        """A new name for a C variable, which begins with `stem`."""
         self._names += 1
         return f"{stem}{self._names}"
 
     @property
-    def words(self) -> int:
+    def word_count(self) -> int:
         """How many words of 64 bits the fields take."""
         return -(-self.bits // WORD)
 
-    def field(self, value: c.CExpr, width: int) -> c.CExpr:
+    def add_field(self, value: c.CExpr, width: int) -> c.CExpr:
         """Packs the low `width` bits of `value`; returns the C by which `unpack` reads them."""
         if width == 0:
             return u64(0)
-        value = self._name_value(value) if self.bits % WORD + width > WORD else value
+        value = self._declare_value(value) if self.bits % WORD + width > WORD else value
         at = self.bits
         self.labelled.append((self.label, at, width))
         self._write_field(value, width)
         return self._read_field(at, width)
 
-    def _name_value(self, value: c.CExpr) -> c.CExpr:
-        name = self.name("v")
+    def _declare_value(self, value: c.CExpr) -> c.CExpr:
+        name = self.new_name("v")
         self.pack.append(c.Declare("uint64_t", name, value, const=True))
         return c.Name(name)
 
@@ -173,23 +173,23 @@ class Packing:
         masked = width < WORD and offset + width != WORD
         return c.Binary("&", e, small_constant((1 << width) - 1)) if masked else e
 
-    def align(self) -> None:
+    def align_to_word(self) -> None:
         """Fills the current word up, so that the next field begins a new one."""
         self.store_last_word()
         self.bits += -self.bits % WORD
 
-    def mask(self, wanted: Callable[[Label], bool]) -> list[int]:
+    def mask_words(self, wanted: Callable[[Label], bool]) -> list[int]:
         """Words with ones in the fields of wanted labels, once all fields are packed."""
-        whole = 0
+        mask = 0
         for label, at, width in self.labelled:
             if wanted(label):
-                whole |= ((1 << width) - 1) << at
-        return [whole >> (WORD * i) & ALL for i in range(self.words)]
+                mask |= ((1 << width) - 1) << at
+        return [mask >> (WORD * i) & ALL_ONES for i in range(self.word_count)]
 
     # ------------------------------------------------------------ values of a type
 
     def append_value(
-        self, place: c.CExpr, t: Type, hulls_: Sequence[Hull], present: c.CExpr | None = None
+        self, place: c.CExpr, t: Type, hulls: Sequence[Hull], present: c.CExpr | None = None
     ) -> None:
         """Packs and unpacks a value of type `t`; it is packed as zeros if `present` is 0."""
         if isinstance(t, RecordType):
@@ -197,22 +197,22 @@ class Packing:
             for name, field_type in t.fields:
                 count = sum(1 for _ in leaves(field_type))
                 self.append_value(
-                    c.Member(place, field_name(name)), field_type, hulls_[at : at + count], present
+                    c.Member(place, field_name(name)), field_type, hulls[at : at + count], present
                 )
                 at += count
         elif isinstance(t, (ArrayType, ListType)):
-            self._pack_sequence(place, t, hulls_, present)
+            self._pack_sequence(place, t, hulls, present)
         else:
-            packed = self.field(
-                _scalar_to_word(place, t, hulls_[0], present), scalar_width(t, hulls_[0])
+            packed = self.add_field(
+                _scalar_to_word(place, t, hulls[0], present), scalar_width(t, hulls[0])
             )
-            self.unpack.append(c.Assign(place, _word_to_scalar(packed, t, hulls_[0])))
+            self.unpack.append(c.Assign(place, _word_to_scalar(packed, t, hulls[0])))
 
     def _pack_sequence(
         self,
         place: c.CExpr,
         t: ArrayType | ListType,
-        hulls_: Sequence[Hull],
+        hulls: Sequence[Hull],
         present: c.CExpr | None,
     ) -> None:
         listed = isinstance(t, ListType)
@@ -222,18 +222,18 @@ class Packing:
         count = sum(1 for _ in leaves(t.element))
         if leaf_count(t) <= UNROLLED:
             for number in range(_capacity(t)):
-                hull = hulls_ if listed else hulls_[number * count : (number + 1) * count]
+                hull = hulls if listed else hulls[number * count : (number + 1) * count]
                 self.append_value(
                     c.IndexExpr(items, c.Number(str(number))), t.element, hull, present
                 )
             return
-        hull = hulls_ if listed else _shared_hulls(hulls_, count)
-        self.align()
+        hull = hulls if listed else _shared_hulls(hulls, count)
+        self.align_to_word()
         first = self.bits // WORD
         width = _value_width(t.element, hull)
         self.labelled.append((self.label, self.bits, width * _capacity(t)))
         self.bits += width * _capacity(t)
-        index = self.name("k")
+        index = self.new_name("k")
         writes: list[c.CStmt] = []
         reads: list[c.CStmt] = []
         at = c.Binary("+", u64(first * WORD), c.Binary("*", as_u64(c.Name(index)), u64(width)))
@@ -243,7 +243,9 @@ class Packing:
         )
         low, size = c.Number("0"), c.Number(str(_capacity(t)))
         zero = c.Assign(c.IndexExpr(WORDS, c.Name(index)), u64(0))
-        self.pack.append(c.For(index, c.Number(str(first)), c.Number(str(self.words)), (zero,)))
+        self.pack.append(
+            c.For(index, c.Number(str(first)), c.Number(str(self.word_count)), (zero,))
+        )
         self.pack.append(c.For(index, low, size, tuple(writes)))
         self.unpack.append(c.For(index, low, size, tuple(reads)))
         self.bits += -self.bits % WORD
@@ -252,7 +254,7 @@ class Packing:
         self,
         place: c.CExpr,
         t: Type,
-        hulls_: Sequence[Hull],
+        hulls: Sequence[Hull],
         base: c.CExpr,
         at: int,
         *,
@@ -265,24 +267,24 @@ class Packing:
             first = 0
             for name, field_type in t.fields:
                 count = sum(1 for _ in leaves(field_type))
-                inner, hull = (c.Member(place, field_name(name)), hulls_[first : first + count])
+                inner, hull = (c.Member(place, field_name(name)), hulls[first : first + count])
                 at = self._pack_in_loop(
                     inner, field_type, hull, base, at, present=present, writes=writes, reads=reads
                 )
                 first += count
             return at
         if isinstance(t, (ArrayType, ListType)):
-            hull = list(hulls_)
+            hull = list(hulls)
             if isinstance(t, ListType):
                 length, size = c.Member(place, "len"), (0, _capacity(t))
                 at = self._pack_in_loop(
                     length, _LENGTH, [size], base, at, present=present, writes=writes, reads=reads
                 )
             else:
-                hull = _shared_hulls(hulls_, sum(1 for _ in leaves(t.element)))
+                hull = _shared_hulls(hulls, sum(1 for _ in leaves(t.element)))
             items = c.Member(place, "items" if isinstance(t, ListType) else "at")
             width = _value_width(t.element, hull)
-            index = self.name("k")
+            index = self.new_name("k")
             step = c.Binary("*", as_u64(c.Name(index)), u64(width))
             inside_w: list[c.CStmt] = []
             inside_r: list[c.CStmt] = []
@@ -295,18 +297,16 @@ class Packing:
             writes.append(c.For(index, low, high, tuple(inside_w)))
             reads.append(c.For(index, low, high, tuple(inside_r)))
             return at + width * _capacity(t)
-        width = scalar_width(t, hulls_[0])
+        width = scalar_width(t, hulls[0])
         if width == 0:
-            reads.append(c.Assign(place, _word_to_scalar(u64(0), t, hulls_[0])))
+            reads.append(c.Assign(place, _word_to_scalar(u64(0), t, hulls[0])))
             return at
         where = c.Binary("+", base, u64(at)) if at else base
-        shown = _scalar_to_word(place, t, hulls_[0], present)
+        shown = _scalar_to_word(place, t, hulls[0], present)
         writes.append(c.Do(c.CallExpr("soter_put", (WORDS, where, small_constant(width), shown))))
         got = c.CallExpr("soter_get", (WORDS, where, small_constant(width)))
-        reads.append(c.Assign(place, _word_to_scalar(got, t, hulls_[0])))
+        reads.append(c.Assign(place, _word_to_scalar(got, t, hulls[0])))
         return at + width
-
-    # ------------------------------------------------------------ done
 
     def store_last_word(self) -> None:
         """Stores the word that the last field has left partly empty, if it did."""
@@ -334,22 +334,21 @@ def scalar_width(t: Type, hull: Hull) -> int:
     return (hull[1] - hull[0]).bit_length()
 
 
-def _value_width(t: Type, hulls_: Sequence[Hull]) -> int:
-    """How many bits a value takes that a loop packs."""
+def _value_width(t: Type, hulls: Sequence[Hull]) -> int:
     if isinstance(t, RecordType):
         at, total = 0, 0
         for _, f in t.fields:
             count = sum(1 for _ in leaves(f))
-            total += _value_width(f, hulls_[at : at + count])
+            total += _value_width(f, hulls[at : at + count])
             at += count
         return total
     if isinstance(t, ArrayType):
         return t.size * _value_width(
-            t.element, _shared_hulls(hulls_, sum(1 for _ in leaves(t.element)))
+            t.element, _shared_hulls(hulls, sum(1 for _ in leaves(t.element)))
         )
     if isinstance(t, ListType):
-        return scalar_width(_LENGTH, (0, t.capacity)) + t.capacity * _value_width(t.element, hulls_)
-    return scalar_width(t, hulls_[0])
+        return scalar_width(_LENGTH, (0, t.capacity)) + t.capacity * _value_width(t.element, hulls)
+    return scalar_width(t, hulls[0])
 
 
 def _scalar_to_word(place: c.CExpr, t: Type, hull: Hull, present: c.CExpr | None) -> c.CExpr:
@@ -359,12 +358,11 @@ def _scalar_to_word(place: c.CExpr, t: Type, hull: Hull, present: c.CExpr | None
     else:
         e = as_u64(place)
         if hull is not None and hull[0] != 0:
-            e = c.Binary("-", e, u64(hull[0] & ALL))
+            e = c.Binary("-", e, u64(hull[0] & ALL_ONES))
     return e if present is None else c.Binary("&", e, present)
 
 
 def _word_to_scalar(packed: c.CExpr, t: Type, hull: Hull) -> c.CExpr:
-    """The C that turns packed bits back into the stored scalar."""
     if isinstance(t, FloatType):
         return c.CallExpr("soter_float_of", (packed,))
     s = scalar(t)
@@ -372,5 +370,5 @@ def _word_to_scalar(packed: c.CExpr, t: Type, hull: Hull) -> c.CExpr:
     if hull is not None and hull[0] != 0:
         if packed == u64(0):
             return c.Cast(s.c_type, int_number(hull[0]))
-        packed = c.Binary("+", packed, u64(hull[0] & ALL))
+        packed = c.Binary("+", packed, u64(hull[0] & ALL_ONES))
     return c.Cast(s.c_type, packed)

@@ -1,10 +1,10 @@
 """The plan of exploring a tested system: its actors and their calendars, parts that share nothing.
 
 Purpose: `make_plan` makes it from a system that was flattened for a test, and its Core: windows,
-faults, dependence, visibility, what of a configuration can matter. `find_parts` puts actors into
-one part that depend on each other, directly or through what one property reads. An execution of the
-system is one of every part, interleaved, and a property sees one part only: the system violates it
-iff that part does (docs/testing.md, "Parts"). All parts share time, so where a property has a
+faults, dependence, visibility, what of a configuration can matter. `find_parts` puts actors that
+depend on each other, directly or through a property that reads both, into one part. An execution of
+the system is one of every part, interleaved, and a property sees one part only: the system violates
+it iff that part does (docs/testing.md, "Parts"). All parts share time, so where a property has a
 deadline or reads the time there is one part only. Where nothing is late, `find_joined_parts` allows
 a property to read several parts ("Joined parts").
 Non-goals: which steps depend on each other (`footprints.py`), C (`explorer_model.py`).
@@ -35,9 +35,9 @@ class PlannedActor:
     """A component or an input of a tested system; docs/testing.md. Times in ns.
 
     Exactly one of `component` and `input` is set. `dependent`: bit i is set iff steps of actor i
-    may not commute with its own; `outputs`: topics, in the order of the step's outputs. `reads` and
-    `writes` are resources (`explore/model/footprints.py`), here what a step's result depends on and
-    what it may change.
+    may not be swapped with its own; `outputs`: topics, in the order of the step's outputs. `reads`
+    and `writes`: the resources (`footprints.py`) on which a step's result depends, and those that
+    it may change.
     """
 
     name: str
@@ -60,8 +60,8 @@ class PlannedActor:
 class TimeChoices:
     """The grid on which steps that may be late choose their times.
 
-    `open`: places that read the time so that no grid covers it, where none was declared; `crowded`:
-    places that compare so many times that only a finer grid would cover them.
+    Where the test declares no grid: `open`: places of the program that read the time so that no
+    grid covers it; `crowded`: those that compare more times than this grid is fine enough for.
     """
 
     quantum_ns: int
@@ -71,7 +71,7 @@ class TimeChoices:
 
 @dataclass(frozen=True, kw_only=True)
 class ExplorationPlan:
-    """What is explored, and what of a configuration can matter.
+    """The actors and times of a search, and the parts of a configuration that can matter.
 
     `read`: topics that anything reads; `aged`: topics whose age is read; `limited`: module inputs
     whose `max_age` decides; `may_fault`: components whose step may fault; `times`: None where no
@@ -130,7 +130,7 @@ def make_plan(system: System, lowered: core.CoreSystem) -> ExplorationPlan:
             **vars(x),
             dependent=_dependent_mask(i, effects),
             visible=bool(effect.writes & seen),
-            outputs=footprints.outputs(x.component, x.input),
+            outputs=footprints.output_topics(x.component, x.input),
             reads=frozenset(
                 effect.reads | (effect.writes if effect.keeps else set()) | _clock_labels(i, effect)
             ),
@@ -179,7 +179,7 @@ def _ignores_time(system: System, footprints: Footprints) -> bool:
 
 
 def _time_choices(test: TestPlan, quantum: int, read: TimesRead) -> TimeChoices:
-    """The grid of times and what it leaves out; a grid that a test declares leaves out nothing."""
+    """The grid of times and the places it does not cover; none for a grid that a test declares."""
     return (
         TimeChoices(quantum, (), ())
         if test.quantum_ns
@@ -228,7 +228,7 @@ def _time_grid(
     return quantum, math.gcd(quantum, *times, *spans)
 
 
-WIDTH = 64
+MASK_BITS = 64
 """The most actors, properties or timed properties that a bit mask can name."""
 
 
@@ -243,7 +243,7 @@ class IndependentPart:
 
 @dataclass(frozen=True)
 class SharedProperty:
-    """A property of the end of an instant that reads several parts, by their numbers."""
+    """A property, judged at ends of instants, that reads several parts, by their numbers."""
 
     property: int
     parts: tuple[int, ...]
@@ -267,14 +267,14 @@ def find_joined_parts(
     groups = _dependency_groups(plan)
     roots = groups.roots()
     homes = [
-        sorted({groups.root_of(i) for i in _find_writers(plan, reads)}) for reads in properties
+        sorted({groups.root_of(i) for i in _actors_writing(plan, reads)}) for reads in properties
     ]
     joined = {prop: home for prop, home in enumerate(homes) if len(home) > 1}
     if not joined or any(system.properties[prop].component is not None for prop in joined):
         return None
     roots_of = {prop: (*home, roots[0])[0] for prop, home in enumerate(homes) if prop not in joined}
     shared = [SharedProperty(prop, tuple(map(roots.index, home))) for prop, home in joined.items()]
-    return IndependentParts(groups.parts(roots_of), tuple(shared))
+    return IndependentParts(groups.parts_with_properties(roots_of), tuple(shared))
 
 
 def find_parts(
@@ -288,12 +288,11 @@ def find_parts(
     ):
         return (IndependentPart(0, 0, 0),)
     groups = _dependency_groups(plan)
-    movers = [_find_writers(plan, reads) for reads in properties]
-    for writers in movers:
+    writers_by_property = [_actors_writing(plan, reads) for reads in properties]
+    for writers in writers_by_property:
         groups.join(writers)
-    return groups.parts(
-        {p: groups.root_of(writers[0] if writers else 0) for p, writers in enumerate(movers)}
-    )
+    roots = [groups.root_of(writers[0] if writers else 0) for writers in writers_by_property]
+    return groups.parts_with_properties(dict(enumerate(roots)))
 
 
 def _property_reads(
@@ -305,7 +304,7 @@ def _property_reads(
     if system.test.timed or TIME in footprints.all_property_reads():
         return None
     properties = [footprints.property_reads(p) for p in range(len(system.properties))]
-    return None if max(len(plan.actors), len(properties)) > WIDTH else properties
+    return None if max(len(plan.actors), len(properties)) > MASK_BITS else properties
 
 
 def _dependency_groups(plan: ExplorationPlan) -> _Groups:
@@ -316,7 +315,7 @@ def _dependency_groups(plan: ExplorationPlan) -> _Groups:
     return groups
 
 
-def _find_writers(plan: ExplorationPlan, reads: set[Label]) -> list[int]:
+def _actors_writing(plan: ExplorationPlan, reads: set[Label]) -> list[int]:
     """The actors whose steps may change what a property reads."""
     return [i for i, actor in enumerate(plan.actors) if actor.writes & reads]
 
@@ -347,7 +346,7 @@ class _Groups:
         """The least member of each set."""
         return [i for i, root in enumerate(self._root) if i == root]
 
-    def parts(self, judged_by: Mapping[int, int]) -> tuple[IndependentPart, ...]:
+    def parts_with_properties(self, judged_by: Mapping[int, int]) -> tuple[IndependentPart, ...]:
         """A part for each set of actors; `judged_by`: the set on which each property is judged."""
         members = range(len(self._root))
         return tuple(

@@ -2,7 +2,7 @@
 
 Purpose: `generate_model` writes `<prefix>_model` (soter_explore.h): actors, timed properties,
 leaves for coverage, and how a configuration is packed.
-Non-goals: which actors there are (`exploration_plan.py`), what their steps read and write
+Non-goals: which actors there are (`exploration_plan.py`), what their steps read or write
 (`footprints.py`), searching (`explore/engine/c/soter_explore*.c`).
 """
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from soter.language.model.types import Type
 
     Table = tuple[list[c.CTop], c.CExpr]
-    """The definition of a table, after those of tables that its rows name, and its name in C."""
+    """The definition of a table, behind those of tables that its rows name, and its name in C."""
 
 KINDS = {
     "eventually": "SOTER_EVENTUALLY",
@@ -44,7 +44,7 @@ KINDS = {
 
 @dataclass(frozen=True)
 class ExplorerModel:
-    """The generated unit with its model.
+    """The generated unit with its model, whose name in C is `symbol`.
 
     `configuration_size`: in bytes; `leaves`: topic and path of the leaves for coverage, in order.
     """
@@ -63,7 +63,7 @@ def generate_model(
     """The C of a system with its model; its nodes report the branches that they take."""
     builder = _ModelBuilder(system, core, plan, prefix)
     builder.frame.branches = []
-    unit = builder.run()
+    unit = builder.build_unit()
     return ExplorerModel(
         unit,
         plan,
@@ -99,7 +99,7 @@ class _ModelBuilder(UnitBuilder):
         self.symbol = ""
         self.configuration = ""
 
-    # ------------------------------------------------------------ everything
+    # ------------------------------------------------------------ all definitions
 
     def added_definitions(self) -> list[c.CTop]:
         """The declarations of the model, which stand behind the program's tables."""
@@ -107,7 +107,7 @@ class _ModelBuilder(UnitBuilder):
         configurations = ConfigurationEmitter(
             self.system, self.plan, self.types, self.frame, self.layout, self.prefix
         )
-        struct, packing = configurations.struct(), configurations.packing
+        struct, packing = configurations.struct_definition(), configurations.packing
         self.configuration, self.configuration_size = configurations.name, configurations.size
         self.bits, self.held_at = packing.bits, configurations.held_at
         pack_name, unpack_name, self.symbol = unique("pack"), unique("unpack"), unique("model")
@@ -128,8 +128,8 @@ class _ModelBuilder(UnitBuilder):
             struct,
             *predicates,
             *premise_functions,
-            configurations.pack(pack_name),
-            configurations.unpack(unpack_name),
+            configurations.pack_function(pack_name),
+            configurations.unpack_function(unpack_name),
             *(x for definitions, _ in tables.values() for x in definitions),
             self._model_definition(
                 {name: value for name, (_, value) in tables.items()},
@@ -156,11 +156,11 @@ class _ModelBuilder(UnitBuilder):
         self, packing: Packing, name: str, wanted: Callable[[Label], bool], before: list[c.CTop]
     ) -> Table:
         """The table of words with ones where the wanted fields are packed, and its C name."""
-        words = [u64(x) for x in packing.mask(wanted)]
+        words = [u64(x) for x in packing.mask_words(wanted)]
         return self._table("uint64_t", name, words, before, "")
 
     def _mask_tables(self, packing: Packing) -> dict[str, Table]:
-        """By member of `soter_model`, the mask of the fields that it stands for."""
+        """The masks of packed fields in `soter_model`, by the name of its member."""
         wanted: dict[str, Callable[[Label], bool]] = {
             "observed": self.plan.observed.__contains__,
             "scheduled": lambda label: label[0] in {"time", "done", "lost"},
@@ -171,7 +171,7 @@ class _ModelBuilder(UnitBuilder):
         return {name: self._mask_table(packing, name, test, []) for name, test in wanted.items()}
 
     def _first_leaf(self, topic: int) -> int:
-        """The number of a topic's first leaf; without one, how many leaves there are."""
+        """The number of a topic's first leaf; the number of all leaves if it has none."""
         numbers = (i for i, x in enumerate(self.leaves) if x.topic == topic)
         return next(numbers, len(self.leaves))
 
@@ -185,8 +185,8 @@ class _ModelBuilder(UnitBuilder):
             )
             first = [c.Number(f"{self._first_leaf(topic)}U") for topic in actor.outputs]
             before, leaf = self._table("uint32_t", f"leaf_{i}", [*first], before, "")
-            clocks = self._clock_labels(actor)
-            reads, writes = actor.reads | clocks, actor.writes | clocks
+            verdicts = self._verdict_labels(actor)
+            reads, writes = actor.reads | verdicts, actor.writes | verdicts
             before, read = self._mask_table(packing, f"reads_{i}", reads.__contains__, before)
             before, written = self._mask_table(packing, f"writes_{i}", writes.__contains__, before)
             number = (
@@ -214,7 +214,7 @@ class _ModelBuilder(UnitBuilder):
         comment = "actors: inputs, then components in deployed order"
         return self._table("soter_actor", "actors", rows, before, comment)
 
-    def _clock_labels(self, actor: PlannedActor) -> set[Label]:
+    def _verdict_labels(self, actor: PlannedActor) -> set[Label]:
         """The label of the last verdict, if the actor is a DM or SC and may change it."""
         if actor.component is None:
             return set()
@@ -224,7 +224,7 @@ class _ModelBuilder(UnitBuilder):
         return {("verdict", component.module)}
 
     def _timed_table(self) -> tuple[list[c.CTop], Table]:
-        """The functions of premises and conditions of timed properties, and the table of both."""
+        """The functions of the conditions of timed properties and their premises; their table."""
         functions: list[c.CTop] = []
         rows: list[c.CExpr] = []
         for timed, lowered in zip(self.test.timed, self.core.timed, strict=True):
@@ -251,7 +251,7 @@ class _ModelBuilder(UnitBuilder):
         return functions, self._table("soter_timed", "timed", rows, [], "timed properties")
 
     def _premise_table(self) -> tuple[list[c.CTop], Table]:
-        """The functions of the premises of implications, and their table; NULL without any."""
+        """The functions of the premises of implications, and their table; NULL without them."""
         functions: list[c.CTop] = []
         rows: list[c.CExpr] = []
         for prop, premise in zip(self.system.properties, self.core.premises, strict=True):
@@ -273,7 +273,7 @@ class _ModelBuilder(UnitBuilder):
             if topic.queue_of is None and not topic.held:
                 offset = self.layout.topic_offset(topic.index)
                 for (path, leaf, at), bound in zip(
-                    placed_leaves(topic.type, offset), _flat_bounds(topic), strict=True
+                    placed_leaves(topic.type, offset), _bounds_outside_lists(topic), strict=True
                 ):
                     low, high = (bound.low, bound.high) if bound else _type_range(leaf)
                     self.leaves.append(_ModelLeaf(topic.index, path, at, leaf, low, high))
@@ -317,7 +317,7 @@ class _ModelBuilder(UnitBuilder):
     ) -> c.VariableDef:
         """The `soter_model`; `tables`: those of its members that are tables, by name.
 
-        `plain`: no age and no deadline is packed; `brief`: no step lasts, so that none is held.
+        `plain`: no age and no deadline is packed; `brief`: no step lasts, so no output is held.
         """
         plan, packing = self.plan, configurations.packing
         labels = {label[0] for label, _, width in packing.labelled if width}
@@ -357,7 +357,7 @@ class _ModelBuilder(UnitBuilder):
             verdicts=tables["verdicts"],
             configuration_size=c.CallExpr("sizeof", (c.Name(self.configuration),)),
             bits=count(packing.bits),
-            words=count(packing.words),
+            words=count(packing.word_count),
             pack=c.Name(pack),
             unpack=c.Name(unpack),
         )
@@ -369,7 +369,6 @@ def _bool_constant(value: bool) -> c.CExpr:
 
 
 def _type_range(t: Type) -> tuple[float, float]:
-    """The least and largest value of a leaf's type."""
     if isinstance(t, IntType):
         return float(t.low), float(t.high)
     if isinstance(t, FloatType):
@@ -377,6 +376,6 @@ def _type_range(t: Type) -> tuple[float, float]:
     return 0.0, float(len(t.members) - 1) if isinstance(t, EnumType) else 1.0
 
 
-def _flat_bounds(t: Topic) -> list[Bound | None]:
+def _bounds_outside_lists(t: Topic) -> list[Bound | None]:
     """The bounds of a topic's leaves, without those inside lists."""
     return [b for (path, _), b in zip(leaves(t.type), t.bounds, strict=True) if "[]" not in path]

@@ -1,10 +1,11 @@
-"""What the steps of a tested system may read and write, and so which of them may not be swapped.
+"""The data that each step of a tested system may read and write: which steps may not be swapped.
 
 Purpose: `Footprints` computes the resources of every actor's step and of every property, for
-`exploration_plan.py`; `may_fault` and `is_sampled` say where faults and continua are.
+`exploration_plan.py`; `may_fault` says which steps may fault, `is_sampled` whether a test tries
+only some values of a continuum.
 Non-goals: calendars and the plan (`exploration_plan.py`).
 
-Dependence is a question of footprints. A step reads and writes *resources*: topics, stamps, queues
+A step reads and writes *resources*: topics, stamps, queues
 (publishing pushes: a write; their subscriber reads and empties them), node locals, plant states,
 the latch and `had_control` of a component, and of every module its mode (with OE of AC and SC) and
 its gate (`gate_fault`, `clean_needed`). Two steps are dependent iff one of them may write what the
@@ -33,14 +34,14 @@ if TYPE_CHECKING:
 
 
 TIME: Label = ("time", 0)
-"""The clock: no step writes it alone, and every step may move it."""
+"""The time: no step writes it as a resource, but every step may move it on."""
 
 
 @dataclass
 class Effects:
-    """Resources that a step may read and write; `timed`: whether it reads the time.
+    """The resources that a step may read and write; `timed`: whether it reads the time.
 
-    `keeps`: it may leave what it writes unchanged, so that its result depends on that, too.
+    `keeps`: it may leave resources of `writes` as they were, so that its result depends on them.
     """
 
     reads: set[Label] = field(default_factory=set)
@@ -49,7 +50,7 @@ class Effects:
     keeps: bool = False
 
     def conflicts_with(self, other: Effects) -> bool:
-        """Whether a step with these effects may not change places with a step of the others."""
+        """Whether a step with these effects may not be swapped with a step of the others."""
         return bool(
             self.writes & (other.reads | other.writes) or other.writes & (self.reads | self.writes)
         )
@@ -64,9 +65,9 @@ class Footprints:
         self.facts = [
             n for root in _code_that_runs(lowered) for n in walk(root) if isinstance(n, core.Fact)
         ]
-        """Every fact of the run that something reads."""
+        """Every read of a fact, such as the time or an age, in the code that runs."""
 
-    def outputs(self, component: int | None, drive: int | None) -> tuple[int, ...]:
+    def output_topics(self, component: int | None, drive: int | None) -> tuple[int, ...]:
         """The topics that an actor publishes, in the order of its step's outputs."""
         if drive is not None:
             return (self.system.inputs[drive].topic,)
@@ -77,11 +78,11 @@ class Footprints:
     def actor_effects(self, component: int | None, drive: int | None) -> Effects:
         """The effects of an actor's steps."""
         effects = Effects()
-        outputs = set(self.outputs(component, drive))
+        outputs = set(self.output_topics(component, drive))
         if component is not None:
             acting = self.system.components[component]
             outputs |= set(acting.failsafe)
-            self._add_step(acting, effects)
+            self._add_step_effects(acting, effects)
         for topic in outputs:
             effects.writes |= {("topic", topic), ("stamp", topic)}
             for queue in self.system.topics[topic].queues:
@@ -95,10 +96,10 @@ class Footprints:
             effects.reads.add(("gate", module))
             effects.writes.add(("gate", module))
 
-    def _add_step(self, component: Component, effects: Effects) -> None:
+    def _add_step_effects(self, component: Component, effects: Effects) -> None:
         if component.role == "dm":
             assert component.module is not None
-            self._add_decision(component.module, effects)
+            self._add_decision_effects(component.module, effects)
         step = self.core.nodes.get(component.index) or self.core.plants.get(component.index)
         if step is not None:
             self._add_footprint(step.footprint, effects)
@@ -132,7 +133,7 @@ class Footprints:
         effects.reads |= {("mode", m) for m in footprint.modes}
         effects.reads |= {("stamp", t) for t in footprint.stamps}
 
-    def _add_decision(self, module: int, effects: Effects) -> None:
+    def _add_decision_effects(self, module: int, effects: Effects) -> None:
         """Adds the effects of a DM: it reads its topics, may change mode, both OE, and the gate."""
         decision, m = self.core.decisions[module], self.system.modules[module]
         effects.keeps = True
@@ -182,7 +183,7 @@ class Footprints:
         module = self.system.test.timed[index].module
         if module is not None:
             effects.reads |= {("mode", module), ("gate", module)}
-            for topic in self.outputs(self.system.modules[module].sc, None):
+            for topic in self.output_topics(self.system.modules[module].sc, None):
                 effects.reads.add(("stamp", topic))
         return effects.reads
 
@@ -209,7 +210,7 @@ class Footprints:
         )
 
     def aged_topics(self) -> set[int]:
-        """The topics whose exact age matters: code reads it, or a latch rests on it."""
+        """The topics whose exact age matters: code reads it, or a latch depends on it."""
         latched = [m for m in self.system.modules if m.acknowledgement is not None]
         latches = {t for m in latched for t in (m.latch, m.acknowledgement) if t is not None}
         return latches | {f.index for f in self.facts if f.fact == "age"}
@@ -221,7 +222,7 @@ class Footprints:
 
 
 def _code_that_runs(lowered: core.CoreSystem) -> Iterator[object]:
-    """Yields all Core of steps, decisions and properties; functions, which are pure, aside."""
+    """Yields all Core of steps, decisions and properties, but for functions, which are pure."""
     yield from (_step_code(step) for step in lowered.nodes.values())
     yield from (_step_code(step) for step in lowered.plants.values())
     predicates = list(lowered.properties)
@@ -253,7 +254,7 @@ def _cell_label(cell: core.Cell) -> Label:
 
 
 def _owns_queue(x: Component, queue: str) -> bool:
-    """Whether a queue belongs to the component; for `a.b` this may also say yes of `a`."""
+    """Whether a queue belongs to the component; True also if it belongs to one inside that."""
     return queue.startswith(f"{x.name}.")
 
 

@@ -30,7 +30,7 @@ X, S, NOW, SINCE_START = c.Name("x"), c.Name("s"), c.Name("now"), c.Name("from")
 
 @dataclass(frozen=True)
 class AgeingField:
-    """A packed field that changes as time passes: first bit, width, `SOTER_...` kind, limit."""
+    """A packed field that changes as time passes; `kind`: a C constant; `most`: its largest one."""
 
     at: int
     width: int
@@ -65,14 +65,14 @@ class ConfigurationEmitter:
         self.prefix = prefix
         self.name = types.unique("configuration")
         self.size = 0
-        """The bytes of a configuration, known once `struct` was called."""
+        """The bytes of a configuration, known once `struct_definition` was called."""
         self.held_at: dict[int, int] = {}
         """The offset in bytes of the `soter_held` of each actor that may overrun."""
         self.overrunning = [i for i, a in enumerate(plan.actors) if a.overrun_ns]
         self.ageing: list[AgeingField] = []
         """The fields that time alone changes."""
         self.calendar = 0
-        """How many bits now and the releases made take: the first ones but for one."""
+        """How many bits the time and the releases made take; they follow bit 0."""
         self.judged = {
             t.module: deadline_ns(system, t) for t in self.test.timed if t.module is not None
         }
@@ -89,9 +89,9 @@ class ConfigurationEmitter:
     ) -> c.CExpr:
         """Packs a field that changes as time passes, and notes it in `ageing`."""
         self.ageing.append(AgeingField(p.bits, width, kind, most))
-        return p.field(value, width)
+        return p.add_field(value, width)
 
-    def struct(self) -> c.StructDef:
+    def struct_definition(self) -> c.StructDef:
         """The C struct of a configuration, as soter_explore.h describes it."""
         actors, timeds = len(self.plan.actors), len(self.test.timed)
         modules = len(self.system.modules)
@@ -132,12 +132,12 @@ class ConfigurationEmitter:
 
     def _build_packing(self) -> Packing:
         p = Packing()
-        p.field(u64(1), 1)
+        p.add_field(u64(1), 1)
         p.label = ("time", 0)
         shown = c.Ternary(
             c.Binary("<", NOW, c.Number("0")), u64(0), c.Binary("+", as_u64(c.Name("n")), u64(1))
         )
-        self.now_read = p.field(shown, (self.last_now + 1).bit_length())
+        self.now_read = p.add_field(shown, (self.last_now + 1).bit_length())
         self._pack_schedule(p)
         self._pack_timed_properties(p)
         for module in self.system.modules:
@@ -150,7 +150,7 @@ class ConfigurationEmitter:
         for component in self.system.components:
             self._pack_variables(p, component)
         for number in self.overrunning:
-            self._pack_held(p, number)
+            self._pack_held_outputs(p, number)
         p.store_last_word()
         return p
 
@@ -172,7 +172,7 @@ class ConfigurationEmitter:
             ahead: c.CExpr = c.Binary("-", c.Cast("int64_t", done), shared[key])
             if bias:
                 ahead = c.Binary("+", ahead, int_number(bias))
-            got: c.CExpr = c.Cast("int64_t", p.field(as_u64(ahead), most.bit_length()))
+            got: c.CExpr = c.Cast("int64_t", p.add_field(as_u64(ahead), most.bit_length()))
             if bias:
                 got = c.Binary("-", got, int_number(bias))
             p.unpack.append(c.Assign(done, c.Cast("uint32_t", c.Binary("+", shared[key], got))))
@@ -180,12 +180,12 @@ class ConfigurationEmitter:
         for number, actor in enumerate(self.plan.actors):
             p.label = ("lost", number)
             lost = c.IndexExpr(c.Arrow(X, "lost"), c.Number(str(number)))
-            got = p.field(as_u64(lost), actor.skips.bit_length()) if actor.skips else u64(0)
+            got = p.add_field(as_u64(lost), actor.skips.bit_length()) if actor.skips else u64(0)
             p.unpack.append(c.Assign(lost, c.Cast("uint32_t", got)))
 
     def _required_releases(self, p: Packing, key: tuple[int, int, int]) -> c.CExpr:
         """The releases that must have been made by now; `key`: window, phase, period in ticks."""
-        name = p.name("must")
+        name = p.new_name("must")
         times = *(int_number(t) for t in key), int_number(self._to_ticks(self.plan.horizon_ns))
         call = c.CallExpr("soter_must", (c.Name("n"), *times))
         for body in (p.pack, p.unpack):
@@ -193,7 +193,7 @@ class ConfigurationEmitter:
         return c.Name(name)
 
     def _pack_timed_properties(self, p: Packing) -> None:
-        """Packs the open deadlines, and what invariants know of the last verdict."""
+        """Packs the open deadlines, and for invariants the last verdict and whether SC acted."""
         tick = int_number(self.plan.tick_ns)
         for number, timed in enumerate(self.test.timed):
             p.label = ("due", number)
@@ -218,7 +218,7 @@ class ConfigurationEmitter:
             got = self._pack_ageing_field(p, since, most.bit_length(), "SOTER_SINCE", most)
             ago = c.Binary("*", c.Cast("int64_t", got), tick)
             p.unpack.append(c.Assign(verdict, c.Binary("-", SINCE_START, ago)))
-            got = p.field(as_u64(acted), 1)
+            got = p.add_field(as_u64(acted), 1)
             p.unpack.append(c.Assign(acted, c.Cast("uint8_t", got)))
 
     def _pack_module(self, p: Packing, module: Module) -> None:
@@ -228,11 +228,11 @@ class ConfigurationEmitter:
         items: list[tuple[str | None, c.CExpr]] = []
         if module.forced is None:
             p.label = ("mode", module.index)
-            mode = c.Cast("uint8_t", p.field(as_u64(c.Member(record, "mode")), 1))
+            mode = c.Cast("uint8_t", p.add_field(as_u64(c.Member(record, "mode")), 1))
             p.label = ("gate", module.index)
             if module.ac in self.plan.may_fault:
-                fault = p.field(as_u64(c.Member(record, "gate_fault")), 1)
-                needed = p.field(
+                fault = p.add_field(as_u64(c.Member(record, "gate_fault")), 1)
+                needed = p.add_field(
                     as_u64(c.Member(record, "clean_needed")), module.clean.bit_length()
                 )
                 items.append(("clean_needed", c.Cast("uint32_t", needed)))
@@ -246,16 +246,16 @@ class ConfigurationEmitter:
         items: list[tuple[str | None, c.CExpr]] = [("oe", enabled)]
         if component.index in self.plan.may_fault and component.role not in {"ac", "dm"}:
             p.label = ("latched", component.index)
-            got = p.field(as_u64(c.Member(record, "latched")), 1)
+            got = p.add_field(as_u64(c.Member(record, "latched")), 1)
             items.append(("latched", c.Cast("uint8_t", got)))
         if component.node is not None and component.node.takeover is not None:
             p.label = ("control", component.index)
-            got = p.field(as_u64(c.Member(record, "had_control")), 1)
+            got = p.add_field(as_u64(c.Member(record, "had_control")), 1)
             items.append(("had_control", c.Cast("uint8_t", got)))
         p.unpack.append(c.Assign(record, c.Initializer(tuple(items), "soter_component")))
 
     def _enabled_expression(self, component: Component) -> c.CExpr:
-        """The C of whether a component's outputs are enabled (OE), from the mode."""
+        """The C condition that a component's outputs are enabled (OE), from the mode."""
         if component.role not in {"ac", "sc"}:
             return c.Number("1U")
         modules = c.Arrow(S, "modules")
@@ -265,7 +265,7 @@ class ConfigurationEmitter:
         return c.Ternary(same, c.Number("1U"), c.Number("0U"))
 
     def _pack_stamps(self, p: Packing) -> None:
-        """Packs the ages of topics that matter, up to the age from which all count alike."""
+        """Packs the ages that matter; those above the limit of their topic are all packed alike."""
         tick = int_number(self.plan.tick_ns)
         for topic in self.system.topics:
             p.label = ("stamp", topic.index)
@@ -274,7 +274,7 @@ class ConfigurationEmitter:
                 topic.policy == "fault" and topic.index not in self.plan.aged
             ):  # the mark of a lost value
                 never = c.Binary("==", stamp, c.Name("SOTER_NEVER"))
-                got = p.field(c.Ternary(never, u64(0), u64(1)), 1)
+                got = p.add_field(c.Ternary(never, u64(0), u64(1)), 1)
                 back: c.CExpr = c.Ternary(
                     c.Binary("==", got, u64(0)), c.Name("SOTER_NEVER"), c.Number("0")
                 )
@@ -312,7 +312,6 @@ class ConfigurationEmitter:
         return int_hulls(t.type, t.bounds, [t.default, *values])
 
     def _pack_variables(self, p: Packing, component: Component) -> None:
-        """Packs a component's locals or plant states."""
         for number, variable in enumerate(component.variables):
             p.label = ("cell", component.index, variable.name)
             known = component.initial_range[number] if component.initial_range else None
@@ -324,21 +323,21 @@ class ConfigurationEmitter:
                 int_hulls(variable.type, none, start),
             )
 
-    def _pack_held(self, p: Packing, number: int) -> None:
+    def _pack_held_outputs(self, p: Packing, number: int) -> None:
         """Packs the outputs of an overrunning step, which it has yet to publish."""
         p.label = ("held", number)
         actor, tick = self.plan.actors[number], int_number(self.plan.tick_ns)
         held = c.Arrow(X, f"held_{number}")
         since, mask = c.Member(held, "since"), c.Member(held, "mask")
-        runs, present = p.name("runs"), p.name("mask")
+        runs, present = p.new_name("runs"), p.new_name("mask")
         none = c.Binary("<", since, c.Number("0"))
         p.pack.append(
             c.Declare("uint64_t", runs, c.Ternary(none, u64(0), c.Name("UINT64_MAX")), const=True)
         )
         ago = c.CallExpr("soter_pack_since", (since, NOW, tick, c.Name("UINT64_MAX")))
         shown = c.Ternary(none, u64(0), c.Binary("+", ago, u64(1)))
-        got = p.field(shown, (self._to_ticks(actor.overrun_ns) + 1).bit_length())
-        began = p.name("ago")
+        got = p.add_field(shown, (self._to_ticks(actor.overrun_ns) + 1).bit_length())
+        began = p.new_name("ago")
         p.unpack.append(c.Declare("uint64_t", began, got, const=True))
         back = c.Binary(
             "-", NOW, c.Binary("*", c.Cast("int64_t", c.Binary("-", c.Name(began), u64(1))), tick)
@@ -347,16 +346,16 @@ class ConfigurationEmitter:
             c.Assign(since, c.Ternary(c.Binary("==", c.Name(began), u64(0)), c.Number("-1"), back))
         )
         p.pack.append(c.Declare("uint64_t", present, c.Binary("&", mask, c.Name(runs)), const=True))
-        p.unpack.append(c.Assign(mask, p.field(c.Name(present), len(actor.outputs))))
+        p.unpack.append(c.Assign(mask, p.add_field(c.Name(present), len(actor.outputs))))
         for position, index in enumerate(actor.outputs):
             topic = self.system.topics[index]
             bit = c.Binary("!=", c.Binary("&", c.Name(present), u64(1 << position)), u64(0))
-            keep = p.name("keep")
+            keep = p.new_name("keep")
             p.pack.append(c.Declare("uint64_t", keep, c.CallExpr("soter_if", (bit,)), const=True))
             place = c.Arrow(X, f"held_{number}_{position}")
             p.append_value(place, topic.type, self._int_ranges(topic), c.Name(keep))
 
-    def pack(self, name: str) -> c.FunctionDef:
+    def pack_function(self, name: str) -> c.FunctionDef:
         """The C function that packs a configuration into words."""
         zero = c.Number("0")
         tick = u64(self.plan.tick_ns)
@@ -382,7 +381,7 @@ class ConfigurationEmitter:
         doc = f"{self.packing.bits} bits of a configuration that decide what may follow"
         return c.FunctionDef("void", name, parameters, body, doc)
 
-    def unpack(self, name: str) -> c.FunctionDef:
+    def unpack_function(self, name: str) -> c.FunctionDef:
         """The C function that unpacks words; fields that are not packed get fixed values."""
         zero, n = c.Number("0"), c.Name("n")
         header = c.Arrow(S, "header")

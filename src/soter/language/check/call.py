@@ -10,10 +10,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.fixes import replace
-from soter.diagnostics.similar_names import likely
+from soter.diagnostics.similar_names import likely_name
 from soter.language.check import call_hints, unknown_names
 from soter.language.check.checker_interface import SPECIALS
-from soter.language.check.dots_and_brackets import FieldChecker, find_instance, flat_names
+from soter.language.check.dots_and_brackets import FieldChecker, find_instance, names_of_chain
 from soter.language.check.expression_base import (
     error_expr,
     float_literal,
@@ -72,7 +72,7 @@ class CallChecker(FieldChecker):
             name = callee.name.text
             if context.find_local(name) is not None:
                 return self._refuse_call("a variable", name, expr, context)
-            entry = self.names.find(context.scope, name, callee.span)
+            entry = self.names.find_entry(context.scope, name, callee.span)
             if entry is None and name in SPECIALS:
                 return self._refuse_call("a value", name, expr, context)
             if entry is None:
@@ -83,37 +83,37 @@ class CallChecker(FieldChecker):
             if context.find_local(first) is not None or first in context.scope.entries:
                 return self._refuse_call("a field", name, expr, context)
             if first not in context.scope.imports and unknown_names.is_library(first):
-                return self._refuse_library(expr, context, expected)
+                return self._refuse_library_call(expr, context, expected)
             entry = self.names.find_in_import(context.scope, callee.target.name, callee.field)
             if entry is None:
-                return self._error_result(expr, context)
+                return self._error_after_arguments(expr, context)
         else:
-            return self._refuse_unnamed(expr, context, expected)
-        return self._check_declared(entry, name, expr, context)
+            return self._refuse_unnamed_callee(expr, context, expected)
+        return self._check_declared_call(entry, name, expr, context)
 
-    def _check_declared(
+    def _check_declared_call(
         self, entry: Entry, name: str, expr: tree.CallExpr, context: Context
     ) -> typed.TypedExpr:
-        """Checks a call of a declared name; reports T004 unless it is a function."""
+        """Checks a call of a declared name; reports T004 if the name is no function."""
         if entry.kind == "type":
-            return self._refuse_type(entry, expr)
+            return self._refuse_call_of_type(entry, expr)
         if entry.kind != "function":
             return self._refuse_call(f"a {entry.kind}", name, expr, context)
         fun = self.shared.resolve(entry, expr.callee.span)
         if not isinstance(fun, typed.FunSymbol):
-            return self._error_result(expr, context)
+            return self._error_after_arguments(expr, context)
         return self._check_function_call(fun, expr, context)
 
-    def _refuse_unnamed(
+    def _refuse_unnamed_callee(
         self, expr: tree.CallExpr, context: Context, expected: Type | None
     ) -> typed.TypedExpr:
         """Reports T004 for a call of an expression that is neither a name nor `file.name`."""
         callee = expr.callee
-        names = flat_names(callee)
+        names = names_of_chain(callee)
         if isinstance(callee, tree.ErrorExpr):
             self.names.losses += 1
         elif names and unknown_names.is_library(names[0].text):
-            return self._refuse_library(expr, context, expected)
+            return self._refuse_library_call(expr, context, expected)
         elif isinstance(callee, tree.FieldExpr):
             return self._refuse_call("a field", callee.span.text, expr, context)
         else:
@@ -123,21 +123,21 @@ class CallChecker(FieldChecker):
                 callee.span,
                 notes=("a call is the name of a function and its arguments",),
             )
-        return self._error_result(expr, context)
+        return self._error_after_arguments(expr, context)
 
-    def _error_result(self, expr: tree.CallExpr, context: Context) -> typed.TypedExpr:
+    def _error_after_arguments(self, expr: tree.CallExpr, context: Context) -> typed.TypedExpr:
         """Checks the arguments for errors of their own, and gives an ERROR expression."""
         for argument in expr.arguments:
             self.check(argument, context)
         return error_expr(expr.span)
 
-    def _refuse_library(
+    def _refuse_library_call(
         self, expr: tree.CallExpr, context: Context, expected: Type | None
     ) -> typed.TypedExpr:
         """Reports N006 for `np.clip(...)`, `random.uniform(...)` and the like."""
         callee = expr.callee
         assert isinstance(callee, tree.FieldExpr)
-        helps = self._meant_helps(callee.field.text, callee.span, expr, context, expected)
+        helps = self._unknown_call_helps(callee.field.text, callee.span, expr, context, expected)
         self.diagnostics.error(
             "N006",
             f"there is no `{' '.join(callee.span.text.split())}`",
@@ -145,16 +145,16 @@ class CallChecker(FieldChecker):
             notes=("the functions and types of the prelude need no import",),
             helps=helps,
         )
-        return error_expr(expr.span) if helps else self._error_result(expr, context)
+        return error_expr(expr.span) if helps else self._error_after_arguments(expr, context)
 
-    def _meant_helps(
+    def _unknown_call_helps(
         self, name: str, span: Span, expr: tree.CallExpr, context: Context, expected: Type | None
     ) -> tuple[Help, ...]:
-        """Helps with what an unknown function was meant to be; `span` is the text to replace."""
+        """Gives helps for a call of an unknown function, whose name at `span` they may replace."""
         helps = (
-            call_hints.chance_helps(name, expr, context)
-            or call_hints.foreign_helps(name, expr)
-            or call_hints.literal_helps(name, expr, expected)
+            call_hints.random_call_helps(name, expr, context)
+            or call_hints.foreign_call_helps(name, expr)
+            or call_hints.array_call_helps(name, expr, expected)
             or unknown_names.function_helps(expr, name, span)
         )
         ours = THEIRS.get(name, name)
@@ -162,10 +162,10 @@ class CallChecker(FieldChecker):
             helps = (replace(span, ours),)
         return helps
 
-    def _similar_help(self, name: str, context: Context) -> tuple[Help, ...]:
-        """Gives help with a function of a similar name that takes another number of arguments."""
+    def _help_with_similar_function(self, name: str, context: Context) -> tuple[Help, ...]:
+        """Gives a help with a function of a similar name, which takes other arguments."""
         public = (n for n in (*context.scope.entries, *self.names.prelude) if n[0] != "_")
-        near = likely(name, [n for n in public if self._arity_of(n, context) is not None])
+        near = likely_name(name, [n for n in public if self._arity_of(n, context) is not None])
         entry = context.scope.entries.get(near or "") or self.names.prelude.get(near or "")
         if entry is None or not isinstance(entry.decl, tree.FunDecl):
             return ()
@@ -191,22 +191,22 @@ class CallChecker(FieldChecker):
             length = f"{callee.target.span.text}.len"
             helps = (replace(expr.span, length, f"its length is `{length}`"),)
         elif isinstance(callee, tree.FieldExpr) and last in call_hints.ITSELF:
-            whole = callee.target.span.text
-            helps = (replace(expr.span, whole),)
+            target = callee.target.span.text
+            helps = (replace(expr.span, target),)
         elif (
             isinstance(callee, tree.FieldExpr)
             and context.where != f"function `{last}`"
             and (self._arity_of(last, context) == len(expr.arguments) + 1)
         ):
-            helps = call_hints.function_help(last, expr, callee.target.span)
+            helps = call_hints.method_as_function_help(last, expr, callee.target.span)
         else:
-            helps = self._value_helps(expr, context)
+            helps = self._value_call_helps(expr, context)
         self.diagnostics.error(
             "T004", f"`{name}` is {kind}, not a function", callee.span, helps=helps
         )
-        return self._error_result(expr, context)
+        return self._error_after_arguments(expr, context)
 
-    def _refuse_type(self, entry: Entry, expr: tree.CallExpr) -> typed.TypedExpr:
+    def _refuse_call_of_type(self, entry: Entry, expr: tree.CallExpr) -> typed.TypedExpr:
         """Reports T004 for `Vec2(1.0, 2.0)`, with the literal as help."""
         symbol = self.shared.resolve(entry, expr.callee.span)
         return self.refuse(
@@ -217,7 +217,7 @@ class CallChecker(FieldChecker):
             whole=expr.span,
         )
 
-    def _value_helps(self, expr: tree.CallExpr, context: Context) -> tuple[Help, ...]:
+    def _value_call_helps(self, expr: tree.CallExpr, context: Context) -> tuple[Help, ...]:
         """Gives helps to drop the brackets after a value, or to index it; () if it is no value."""
         with self.diagnostics.trial() as sound:
             value = self.check_in_place(expr.callee, context)
@@ -229,17 +229,17 @@ class CallChecker(FieldChecker):
         self.shared.calls.note_call(fun, expr.span)
         if len(expr.arguments) != len(fun.parameters) and fun in self.shared.damaged:
             self.names.losses += 1
-            return self._error_result(expr, context)
+            return self._error_after_arguments(expr, context)
         if len(expr.arguments) != len(fun.parameters):
             signature = ", ".join(f"{p.name}: {p.type}" for p in fun.parameters)
             self.diagnostics.error(
                 "T003",
-                _count_text(fun.name, len(fun.parameters), len(expr.arguments)),
+                _text_of_wrong_count(fun.name, len(fun.parameters), len(expr.arguments)),
                 expr.span,
                 also=((fun.span, "declared here"),),
                 notes=(f"it is declared as `{fun.name}({signature}): {fun.result}`",),
             )
-            return self._error_result(expr, context)
+            return self._error_after_arguments(expr, context)
         arguments = [
             self.check(a, context, p.type, (p.span, f"`{p.name}` is `{p.type}`"))
             for a, p in zip(expr.arguments, fun.parameters, strict=True)
@@ -261,17 +261,17 @@ class CallChecker(FieldChecker):
         if name not in TAKES:
             assert isinstance(expr.callee, tree.NameExpr)
             self._report_unknown_function(expr.callee.name, expr, context, expected)
-            return self._error_result(expr, context)
+            return self._error_after_arguments(expr, context)
         arity = ARITY.get(name, 1)
-        if not self._count_fits(name, expr, arity, context):
-            return self._error_result(expr, context)
-        hint = _argument_hint(name, expected)
+        if not self._has_arity(name, expr, arity, context):
+            return self._error_after_arguments(expr, context)
+        hint = _expected_argument_type(name, expected)
         arguments = [self.check_unconverted(a, context, hint) for a in expr.arguments]
         if has_error(*arguments):
             return error_expr(span)
         if arity == 2:
             arguments = list(unify_literals(*arguments))
-        result = _result_type(name, arguments)
+        result = _builtin_result_type(name, arguments)
         if result is None:
             return self._refuse_arguments(name, expr, arguments)
         first = arguments[0]
@@ -284,7 +284,7 @@ class CallChecker(FieldChecker):
     def _report_unknown_function(
         self, name: tree.Name, expr: tree.CallExpr, context: Context, expected: Type | None
     ) -> None:
-        """Reports N001, with similar functions that take as many arguments."""
+        """Reports N001 of an unknown function, with similar ones that take as many arguments."""
         fits = [
             n
             for n in (*TAKES, *context.scope.entries, *self.names.prelude)
@@ -293,12 +293,12 @@ class CallChecker(FieldChecker):
         self.report_unknown(
             name,
             context,
-            helps=self._meant_helps(name.text, expr.callee.span, expr, context, expected),
+            helps=self._unknown_call_helps(name.text, expr.callee.span, expr, context, expected),
             among=fits,
-            otherwise=self._similar_help(name.text, context),
+            otherwise=self._help_with_similar_function(name.text, context),
         )
 
-    def _count_fits(self, name: str, expr: tree.CallExpr, wanted: int, context: Context) -> bool:
+    def _has_arity(self, name: str, expr: tree.CallExpr, wanted: int, context: Context) -> bool:
         if len(expr.arguments) == wanted:
             return True
         takes = TAKES.get(name, "a topic" if name == "age" else "a module")
@@ -311,10 +311,10 @@ class CallChecker(FieldChecker):
                 first, _, high = (a.span.text for a in expr.arguments)
                 helps = (replace(expr.span, f"saturate({first}, {high})"),)
         if name in {"min", "max"} and len(expr.arguments) > wanted:
-            helps = (call_hints.nested_help(name, expr),)
+            helps = (call_hints.nested_call_help(name, expr),)
         self.diagnostics.error(
             "T003",
-            _count_text(name, wanted, len(expr.arguments)),
+            _text_of_wrong_count(name, wanted, len(expr.arguments)),
             expr.span,
             notes=(f"`{name}` takes {takes}",),
             helps=helps,
@@ -348,7 +348,7 @@ class CallChecker(FieldChecker):
 
     def _mode_or_age(self, name: str, expr: tree.CallExpr, context: Context) -> typed.TypedExpr:
         span = expr.span
-        if not self._count_fits(name, expr, 1, context):
+        if not self._has_arity(name, expr, 1, context):
             return error_expr(span)
         argument = expr.arguments[0]
         if name == "age":
@@ -380,9 +380,9 @@ class CallChecker(FieldChecker):
         return typed.ModeRead(MODE, span, module)
 
     def _module_of_argument(
-        self, argument: tree.SyntaxExpr, context: Context, asked: str
+        self, argument: tree.SyntaxExpr, context: Context, builtin: str
     ) -> typed.ModuleSymbol | str | None:
-        names = flat_names(argument)
+        names = names_of_chain(argument)
         found = "an expression"
         lost = names is not None and names[0].text in context.lost
         if lost or isinstance(argument, tree.ErrorExpr):
@@ -395,13 +395,13 @@ class CallChecker(FieldChecker):
             if isinstance(target, typed.ModuleSymbol) and depth == len(names):
                 return ".".join(n.text for n in names)
             if not depth and len(names) <= 2:
-                return self._declared_module(names, argument, context, asked)
+                return self._declared_module(names, argument, context, builtin)
             found = "an instance of something else" if depth else "nothing that is known"
-        self._refuse_module(asked, argument.span, found)
+        self._refuse_non_module(builtin, argument.span, found)
         return None
 
     def _declared_module(
-        self, names: Sequence[tree.Name], argument: tree.SyntaxExpr, context: Context, asked: str
+        self, names: Sequence[tree.Name], argument: tree.SyntaxExpr, context: Context, builtin: str
     ) -> typed.ModuleSymbol | None:
         """Gives the module that these names mean; None after a report."""
         ref = tree.Ref(names[0] if len(names) > 1 else None, names[-1], argument.span)
@@ -412,19 +412,19 @@ class CallChecker(FieldChecker):
         if entry.kind == "module":
             return symbol if isinstance(symbol, typed.ModuleSymbol) else None
         helps = entry.helps_for_other_kind("module", argument.span)
-        self._refuse_module(asked, argument.span, f"a {entry.kind}", helps)
+        self._refuse_non_module(builtin, argument.span, f"a {entry.kind}", helps)
         return None
 
-    def _refuse_module(
-        self, asked: str, span: Span, found: str, helps: tuple[Help, ...] = ()
+    def _refuse_non_module(
+        self, builtin: str, span: Span, found: str, helps: tuple[Help, ...] = ()
     ) -> None:
         """Reports T002 for `mode` or `margin` of something that is no module."""
         self.diagnostics.error(
-            "T002", f"`{asked}` takes a module", span, f"this is {found}", helps=helps
+            "T002", f"`{builtin}` takes a module", span, f"this is {found}", helps=helps
         )
 
 
-def _count_text(name: str, wanted: int, count: int) -> str:
+def _text_of_wrong_count(name: str, wanted: int, count: int) -> str:
     s = "" if wanted == 1 else "s"
     none = "none are" if count == 0 else f"{count} {'is' if count == 1 else 'are'}"
     return f"`{name}` takes {wanted or 'no'} argument{s}, but {none} given"
@@ -437,7 +437,7 @@ _CONVERSIONS: dict[str, tuple[Type, tuple[type[Type], ...]]] = {
 }
 
 
-def _result_type(name: str, arguments: list[typed.TypedExpr]) -> Type | None:
+def _builtin_result_type(name: str, arguments: list[typed.TypedExpr]) -> Type | None:
     """Gives the result type of a builtin or None; int literals of `arguments` may become floats."""
     first = arguments[0].type
     if name in {"sqrt", "floor"}:
@@ -467,7 +467,7 @@ def _saturate_type(arguments: list[typed.TypedExpr]) -> Type | None:
     return None
 
 
-def _argument_hint(name: str, expected: Type | None) -> Type | None:
-    """Gives FLOAT if int literals among a builtin's arguments are meant as floats, or None."""
+def _expected_argument_type(name: str, expected: Type | None) -> Type | None:
+    """Gives FLOAT if a builtin's arguments that are int literals should become floats; or None."""
     keeps = isinstance(expected, FloatType) and name in {"abs", "min", "max"}
     return FLOAT if keeps or name in {"sqrt", "floor"} else None

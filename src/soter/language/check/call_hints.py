@@ -36,7 +36,7 @@ ELEMENTS_MAX = 16
 def value_call_helps(
     value: typed.TypedExpr, expr: tree.CallExpr, subject: str = "it is"
 ) -> tuple[Help, ...]:
-    """Gives helps for a value called as a function, `rays(1)`: brackets, or the name alone."""
+    """Gives helps for a value called as a function: `rays[1]` for `rays(1)`, `x` for `x()`."""
     text = expr.callee.span.text
     if isinstance(value.type, (ArrayType, ListType)) and len(expr.arguments) == 1:
         index = expr.arguments[0]
@@ -49,13 +49,13 @@ def value_call_helps(
     return ()
 
 
-def type_call_helps(of: Type, expr: tree.CallExpr) -> tuple[Help, ...]:
-    """Helps for `Vec2(1.0, 2.0)`, `Report(lamp=lamp)` and `Gear(1)`: a literal or a member."""
-    if isinstance(of, EnumType):
-        return (f"name the case: `{expr.callee.span.text}.{of.members[0]}`",)
-    if not isinstance(of, RecordType):
+def type_call_helps(called: Type, expr: tree.CallExpr) -> tuple[Help, ...]:
+    """Gives helps for `Vec2(1.0, 2.0)`, `Report(lamp=lamp)`, `Gear(1)`: a literal or a member."""
+    if isinstance(called, EnumType):
+        return (f"name the case: `{expr.callee.span.text}.{called.members[0]}`",)
+    if not isinstance(called, RecordType):
         return ("a value is of its type by itself: leave the name out",)
-    names = [name for name, _ in of.fields]
+    names = [name for name, _ in called.fields]
     values = _value_by_field(expr.arguments, names)
     if values is None:
         shown = ", ".join(f"{n}: ..." for n in names[:ELEMENTS_MAX])
@@ -87,7 +87,7 @@ def _field_and_value(argument: tree.SyntaxExpr, names: Sequence[str]) -> tuple[s
     return name.name.text, argument.right.span.text
 
 
-def chance_helps(name: str, expr: tree.CallExpr, context: Context) -> tuple[Help, ...]:
+def random_call_helps(name: str, expr: tree.CallExpr, context: Context) -> tuple[Help, ...]:
     """Gives helps for `randint(0, 1)`, `np.random.uniform(-a, a)`: a choice or a disturbance."""
     if name not in RANDOM:
         return ()
@@ -99,8 +99,7 @@ def chance_helps(name: str, expr: tree.CallExpr, context: Context) -> tuple[Help
         )
     if context.choices is None:
         return ("only steps and plants leave something open: pass what is drawn as an argument",)
-    whole = len(bounds) == 2 and all(_is_int(a) for a in expr.arguments)
-    if whole:
+    if len(bounds) == 2 and all(_is_int_literal(a) for a in expr.arguments):
         return (replace(expr.span, f"choose [{bounds[0]}, {bounds[1]}]"),)
     return (
         "a step leaves open which of several values: `choose { -1.0, 0.0, 1.0 }`",
@@ -108,13 +107,13 @@ def chance_helps(name: str, expr: tree.CallExpr, context: Context) -> tuple[Help
     )
 
 
-def _is_int(e: tree.SyntaxExpr) -> bool:
+def _is_int_literal(e: tree.SyntaxExpr) -> bool:
     if isinstance(e, tree.UnaryExpr) and e.op == "-":
         e = e.operand
     return isinstance(e, tree.IntLit)
 
 
-def literal_helps(name: str, expr: tree.CallExpr, expected: Type | None) -> tuple[Help, ...]:
+def array_call_helps(name: str, expr: tree.CallExpr, expected: Type | None) -> tuple[Help, ...]:
     """Gives helps with a literal for calls that make arrays: `zeros(3)`, `np.array([1.0, 2.0])`."""
     arguments = expr.arguments
     if name in WRAPPED and len(arguments) == 1:
@@ -122,7 +121,7 @@ def literal_helps(name: str, expr: tree.CallExpr, expected: Type | None) -> tupl
     if name not in FILLED:
         return ()
     if expected is not None:
-        text = filled_literal(expected, FILLED[name])
+        text = repeated_literal(expected, FILLED[name])
         return (replace(expr.span, text),) if text else ()
     count = arguments[0].value if arguments and isinstance(arguments[0], tree.IntLit) else 0
     if not 0 < count <= ELEMENTS_MAX:
@@ -130,27 +129,27 @@ def literal_helps(name: str, expr: tree.CallExpr, expected: Type | None) -> tupl
     return (replace(expr.span, f"[{', '.join([FILLED[name]] * count)}]"),)
 
 
-def filled_literal(of: Type, value: str) -> str:
-    """Gives the literal of a type made of floats, each of them `value`; "" for other types."""
-    if isinstance(of, FloatType):
+def repeated_literal(t: Type, value: str) -> str:
+    """Gives the text of a literal of type `t` with all floats `value`; "" for other types."""
+    if isinstance(t, FloatType):
         return value
-    if isinstance(of, ArrayType) and of.size <= ELEMENTS_MAX:
-        part = filled_literal(of.element, value)
-        return f"[{', '.join([part] * of.size)}]" if part else ""
-    if isinstance(of, RecordType):
-        parts = [filled_literal(f, value) for _, f in of.fields]
-        pairs = zip(of.fields, parts, strict=True)
+    if isinstance(t, ArrayType) and t.size <= ELEMENTS_MAX:
+        part = repeated_literal(t.element, value)
+        return f"[{', '.join([part] * t.size)}]" if part else ""
+    if isinstance(t, RecordType):
+        parts = [repeated_literal(f, value) for _, f in t.fields]
+        pairs = zip(t.fields, parts, strict=True)
         return f"{{ {', '.join(f'{n}: {p}' for (n, _), p in pairs)} }}" if all(parts) else ""
     return ""
 
 
-def function_help(name: str, expr: tree.CallExpr, target: Span) -> tuple[Help, ...]:
+def method_as_function_help(name: str, expr: tree.CallExpr, target: Span) -> tuple[Help, ...]:
     """Gives help that writes a method as a function: `norm(v)` for `v.norm()`."""
     arguments = [target.text, *(a.span.text for a in expr.arguments)]
     return (replace(expr.span, f"{name}({', '.join(arguments)})"),)
 
 
-def foreign_helps(name: str, expr: tree.CallExpr) -> tuple[Help, ...]:
+def foreign_call_helps(name: str, expr: tree.CallExpr) -> tuple[Help, ...]:
     """Gives helps for functions that other languages have: `round(x)`, `ceil(x)`, `sum(xs)`."""
     if name in ("mod", "fmod", "rem") and len(expr.arguments) == 2:
         a, b = (x.span.text for x in expr.arguments)
@@ -176,9 +175,9 @@ ITSELF = frozenset(
 """Methods of other languages that return the value they are called on."""
 
 
-def nested_help(name: str, expr: tree.CallExpr) -> Help:
+def nested_call_help(name: str, expr: tree.CallExpr) -> Help:
     """Gives help that nests a call with too many arguments: `max(a, max(b, c))`."""
-    *rest, whole = [a.span.text for a in expr.arguments]
+    *rest, nested = [a.span.text for a in expr.arguments]
     for text in reversed(rest):
-        whole = f"{name}({text}, {whole})"
-    return replace(expr.span, whole)
+        nested = f"{name}({text}, {nested})"
+    return replace(expr.span, nested)

@@ -1,6 +1,6 @@
-"""The checker: makes a checked program of the loaded files.
+"""Makes a checked program of the loaded files.
 
-Purpose: resolves every declaration once and on demand, then checks every body, in one pass.
+Purpose: `Checker` checks the head of each declaration once, when needed, then all bodies.
 Non-goals: numbers of a particular system (`system_numbers.py`), the paper's P1 (`wellformed.py`).
 """
 
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from soter.language.check.checker_interface import CallGraph, UnusedDeclarations, in_order_of_need
+from soter.language.check.checker_interface import CallGraph, UnusedDeclarations, entries_by_need
 from soter.language.check.constants_and_types import ConstantChecker, TypeChecker
 from soter.language.check.declarations import DeclChecker
 from soter.language.check.expr import ExprChecker
@@ -26,28 +26,28 @@ NAMES_IN_CYCLE = 8
 
 
 class Checker:
-    """One checking run over one loaded program; its parts see it as `Shared`."""
+    """One run of the checker over a loaded program; the other checkers see it as `Shared`."""
 
     def __init__(
-        self, loaded: LoadedProgram, diagnostics: Diagnostics, meant: Meanings | None = None
+        self, loaded: LoadedProgram, diagnostics: Diagnostics, meanings: Meanings | None = None
     ) -> None:
         self.loaded = loaded
         self.diagnostics = diagnostics
-        self.names = Names(diagnostics, meant)
+        self.names = Names(diagnostics, meanings)
         self.unused = UnusedDeclarations(diagnostics)
         self.calls = CallGraph(diagnostics, self._check_fun_body)
         expressions = ExprChecker(self)
         constants = ConstantChecker(self, loaded)
         self.declarations = DeclChecker(self, constants)
-        self.resolve_type = TypeChecker(self).check
+        self.resolve_type = TypeChecker(self).resolve_type
         self.check_expr = expressions.check
         self.check_block = StmtChecker(self, expressions).check_block
-        self.constant = constants.constant
-        self.evaluate = constants.value
-        self.number = constants.number
-        self.topic_ref = self.declarations.topic_ref
-        self.topic_path = self.declarations.topic_path
-        self.topics_of = self.declarations.topics_of
+        self.const_value = constants.const_value
+        self.evaluate = constants.evaluate
+        self.check_number = constants.check_number
+        self.topic_of_ref = self.declarations.topic_of_ref
+        self.topic_of_path = self.declarations.topic_of_path
+        self.topics_of_system = self.declarations.topics_of_system
         self.lost: dict[typed.SystemSymbol, frozenset[str]] = {}
         self.published: dict[typed.NodeSymbol, set[typed.TopicSymbol]] = {}
         self.damaged: set[object] = set()
@@ -58,15 +58,13 @@ class Checker:
         self._resolving: list[Entry] = []
         self._absorbed = [0, 0]
 
-    # ------------------------------------------------------------ the whole
-
     def check_program(self) -> typed.TypedProgram:
         """Checks all declarations and gives the program, which has gaps if there were errors."""
         for prelude in self.loaded.prelude:
             self.names.add_prelude(prelude)
         main = self.names.add_program(self.loaded.main)
         entries = [e for scope in self.names.scopes for e in scope.entries.values()]
-        ordered, circles = in_order_of_need(entries, self.names)
+        ordered, circles = entries_by_need(entries, self.names)
         for circle, span in circles:
             if all(e.state == "new" for e in circle):
                 self._report_cycle(circle, span)
@@ -81,7 +79,7 @@ class Checker:
         if not self.diagnostics.has_errors:
             count_costs(program, self.diagnostics)
         self.unused.warn_of_declarations(main)
-        self.unused.report()
+        self.unused.report_kept()
         program.stand_ins = self.stand_ins
         program.damaged = self.damaged
         program.incomplete = any(e.symbol is None for e in main.entries.values()) or bool(
@@ -99,32 +97,30 @@ class Checker:
                 self.calls.check_bodies()
 
     def _check_fun_body(self, fun: typed.FunSymbol, decl: tree.FunDecl, scope: FileScope) -> bool:
-        mark = self.mark()
+        before = self.damage_counts()
         self.declarations.check_fun_body(fun, decl, scope)
-        return self.mark() == mark
+        return self.damage_counts() == before
 
-    def check_later(self, symbol: object, decl: tree.Decl, scope: FileScope) -> None:
+    def check_body_later(self, symbol: object, decl: tree.Decl, scope: FileScope) -> None:
         """Notes a body to be checked once every signature is known; systems come last."""
         late = isinstance(symbol, (typed.SystemSymbol, typed.TestSymbol))
         (self._late_bodies if late else self._bodies).append((symbol, decl, scope))
 
-    # ------------------------------------------------------------ damage
-
-    def mark(self) -> tuple[int, int]:
-        """Gives counts of errors and of losses; a declaration is damaged if they grow meanwhile."""
+    def damage_counts(self) -> tuple[int, int]:
+        """Gives counts of errors and losses; they grow while a damaged declaration is checked."""
         errors, losses = self._absorbed
         return self.diagnostics.error_count - errors, self.names.losses - losses
 
-    def absorb(self, mark: tuple[int, int]) -> None:
-        """Leaves errors and losses since `mark` out of the counts: another declaration has them."""
-        now = self.mark()
-        self._absorbed[0] += now[0] - mark[0]
-        self._absorbed[1] += now[1] - mark[1]
+    def absorb_damage(self, before: tuple[int, int]) -> None:
+        """Takes what the damage counts grew by since `before` out of them again."""
+        now = self.damage_counts()
+        self._absorbed[0] += now[0] - before[0]
+        self._absorbed[1] += now[1] - before[1]
 
     # ------------------------------------------------------------ resolution on demand
 
     def resolve(self, entry: Entry, span: Span, *, use: bool = True) -> object:
-        """Gives the symbol of a declaration, checked now if need be; None after an error."""
+        """Gives the symbol of a declaration, which is checked first if it was not; or None."""
         if use:
             entry.used = True
         if entry.state == "resolving":
@@ -139,22 +135,22 @@ class Checker:
         entry.state = "resolving"
         self._resolving.append(entry)
         outer, self.calls.current = self.calls.current, None
-        mark = self.mark()
+        before = self.damage_counts()
         symbol = self.declarations.checked_symbol(entry)
         if symbol is not None and (
-            self.mark() != mark or entry.decl.name.text in entry.scope.broken
+            self.damage_counts() != before or entry.decl.name.text in entry.scope.broken
         ):
             self.damaged.add(symbol)
             if isinstance(symbol, typed.FunSymbol):
                 self.calls.mark_invalid(symbol)
-        self.absorb(mark)
+        self.absorb_damage(before)
         self.calls.current = outer
         self._resolving.pop()
         entry.symbol = symbol
         entry.state = "done"
 
     def _report_cycle(self, circle: list[Entry], span: Span) -> None:
-        """Reports T012: each entry of the circle needs the next, the last the first (at `span`)."""
+        """Reports T012 for entries that need each other in a circle, closed at `span`."""
         entry = circle[0]
         names = [e.decl.name.text for e in (*circle, entry)]
         names[0:1] = [f"{names[0]}` needs `{names[1]}"]
@@ -173,12 +169,10 @@ class Checker:
             else (),
         )
 
-    # ------------------------------------------------------------ topics of sub-systems
-
     def topic_of_instance(
         self, system: typed.SystemSymbol, prefix: list[str], topic: typed.TopicSymbol, span: Span
     ) -> typed.TopicSymbol:
-        """The symbol for a topic of the sub-system instance at `prefix`, always the same one."""
+        """Gives the one symbol that stands for a topic of the sub-system instance at `prefix`."""
         key = (id(system), tuple(prefix), id(topic))
         known = self._known_stand_ins.get(key)
         if known is None:

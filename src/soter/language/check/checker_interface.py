@@ -3,7 +3,7 @@
 Purpose: `Shared` has the few operations that the check of a declaration needs from other checkers,
 and facts about the whole program; `checker.py` implements it. `Context` says which locals, topics
 and special words an expression may use, so that its checker has one rule for every place.
-`in_order_of_need` puts needed declarations first, so that no chain nests deeper than Python allows.
+`entries_by_need` puts needed declarations first, so that no chain nests too deep for Python.
 `CallGraph` grows while bodies are checked, and reports a cycle as T006. `UnusedDeclarations` keeps
 the warnings W001 and W004 until every use is known.
 Non-goals: how any of the checkers works; names of declarations (`scope.py`), cycles of them
@@ -49,11 +49,10 @@ CHAINING = {"type", "constant", "parameter", "function", "system"}
 """Kinds of declarations that can need one of the same kind."""
 
 
-def in_order_of_need(entries: list[Entry], names: Names) -> tuple[list[Entry], list[Circle]]:
-    """Gives the entries, each after those that it mentions, and the circles among them.
+def entries_by_need(entries: list[Entry], names: Names) -> tuple[list[Entry], list[Circle]]:
+    """Gives the entries, each after those that it mentions, and the circles without functions.
 
-    A function may mention its own locals by such a name, so the checker reports circles through
-    functions.
+    As a name in a function may mean a local, the checker finds circles with functions later.
     """
     if len(entries) <= SHORT:
         return entries, []
@@ -88,7 +87,7 @@ def in_order_of_need(entries: list[Entry], names: Names) -> tuple[list[Entry], l
 
 
 def _chained_entries(entry: Entry, names: Names) -> Iterator[tuple[Entry, Span]]:
-    """Yields the entries that a declaration mentions, with the place, if they may mention more."""
+    """Yields each mentioned entry that may itself need others, with the place of its mention."""
     if entry.kind not in CHAINING:
         return
     for qualifier, name, span in names_mentioned(entry.decl):
@@ -126,7 +125,7 @@ MAX_CALLS_SHOWN = 4
 
 
 class CallGraph:
-    """Functions, the calls in them, and their bodies, which are checked once and on demand."""
+    """The functions of a program and the calls in them; each body is checked once, when needed."""
 
     def __init__(self, diagnostics: Diagnostics, check_body: CheckBody) -> None:
         self.diagnostics = diagnostics
@@ -152,7 +151,7 @@ class CallGraph:
         self._broken.add(fun)
 
     def note_call(self, fun: FunSymbol, span: Span) -> None:
-        """Notes a call in the current body; the callee's body will be checked, too."""
+        """Notes a call in the body being checked; the body of the callee will be checked, too."""
         if self.current is not None:
             self._calls.setdefault(self.current, []).append((fun, span))
         lazy = self._lazy.pop(fun, None)
@@ -160,7 +159,7 @@ class CallGraph:
             self._unchecked[fun] = lazy
 
     def note_param(self, param: ParamSymbol, span: Span) -> None:
-        """Notes that the current body reads a parameter of the program."""
+        """Notes that the body being checked reads a parameter of the program."""
         if self.current is not None:
             self._params.setdefault(self.current, (param, span))
 
@@ -176,14 +175,14 @@ class CallGraph:
 
     def check_bodies(self) -> bool:
         """Checks all bodies that are still unchecked; gives whether there was one."""
-        some = bool(self._unchecked)
+        had_any = bool(self._unchecked)
         while self._unchecked:
             self.check_body(next(iter(self._unchecked)))
-        return some
+        return had_any
 
-    # ------------------------------------------------------------ questions
+    # ------------------------------------------------------------ calls and reads of functions
 
-    def _with_callees(self, fun: FunSymbol) -> Iterator[FunSymbol]:
+    def _fun_and_callees(self, fun: FunSymbol) -> Iterator[FunSymbol]:
         seen = {fun}
         todo = [fun]
         while todo:
@@ -197,17 +196,18 @@ class CallGraph:
 
     def is_complete(self, fun: FunSymbol) -> bool:
         """Whether the function and all functions it calls have neither errors nor recursion."""
-        below = list(self._with_callees(fun))
+        below = list(self._fun_and_callees(fun))
         self._report_cycles(fun)
         return not any(f in self._broken or f in self._recursive for f in below)
 
     def extern_called_by(self, fun: FunSymbol) -> FunSymbol | None:
         """Gives an extern that the function calls, directly or not; None if it calls no extern."""
-        return next((f for f in self._with_callees(fun) if f.extern), None)
+        return next((f for f in self._fun_and_callees(fun) if f.extern), None)
 
     def param_read_by(self, fun: FunSymbol) -> tuple[ParamSymbol, Span] | None:
-        """A parameter that the function or a callee reads, and where; None if they read none."""
-        return next((self._params[f] for f in self._with_callees(fun) if f in self._params), None)
+        """Gives a parameter that the function or a callee reads, and where; None without one."""
+        funs = self._fun_and_callees(fun)
+        return next((self._params[f] for f in funs if f in self._params), None)
 
     # ------------------------------------------------------------ recursion
 
@@ -229,14 +229,14 @@ class CallGraph:
                 continue
             callee, span = step
             if callee in path:
-                self._report(path, callee, span)
+                self._report_cycle(path, callee, span)
             elif callee not in self._walked:
                 path[callee] = span
                 iterators.append(iter(self._calls.get(callee, ())))
 
-    def _report(self, path: dict[FunSymbol, Span | None], again: FunSymbol, closing: Span) -> None:
+    def _report_cycle(self, path: dict[FunSymbol, Span | None], fun: FunSymbol, at: Span) -> None:
         funs = list(path)
-        cycle = funs[funs.index(again) :]
+        cycle = funs[funs.index(fun) :]
         if any(f in self._recursive for f in cycle):
             return
         self._recursive.update(cycle)
@@ -251,8 +251,8 @@ class CallGraph:
         )
         self.diagnostics.error(
             "T006",
-            f"`{again.name}` calls itself" + (f" through {shown}" if through else ""),
-            closing,
+            f"`{fun.name}` calls itself" + (f" through {shown}" if through else ""),
+            at,
             "this call closes the circle" if through else "calls itself here",
             also=also,
             notes=("without recursion the time and the stack of every step have a bound",),
@@ -270,7 +270,7 @@ class UnusedDeclarations:
         self.diagnostics = diagnostics
         self._waiting: list[tuple[Code, str, Span, str, Help]] = []
 
-    def add(self, code: Code, message: str, span: Span, label: str = "", help_: Help = "") -> None:
+    def keep(self, code: Code, message: str, span: Span, label: str = "", help_: Help = "") -> None:
         """Keeps a warning for the end of the check."""
         self._waiting.append((code, message, span, label, help_))
 
@@ -279,13 +279,12 @@ class UnusedDeclarations:
         for v in variables:
             if not v.used and not v.name.startswith("_"):
                 meant = _unused_help(v.name) if v.kind == "var" else _rename_help(v.name, v.span)
-                self.add("W001", f"`{v.name}` is never used", v.span, "declared here", meant)
+                self.keep("W001", f"`{v.name}` is never used", v.span, "declared here", meant)
 
     def warn_of_declarations(self, main: FileScope) -> None:
         """Warns W001 of declarations and imports of the main file that nothing uses.
 
-        It only does if the file has a system or a test: a file without one may be meant for others
-        to import.
+        A file without a system and without a test gets no such warning: other files may import it.
         """
         if not any(e.kind in ROOTS for e in main.entries.values()):
             return
@@ -294,15 +293,15 @@ class UnusedDeclarations:
             if entry.kind not in ROOTS and not entry.used and not name.text.startswith("_"):
                 message = f"{entry.kind} `{name.text}` is never used"
                 meant = _rename_help(name.text, name.span)
-                self.add("W001", message, name.span, "declared here", meant)
+                self.keep("W001", message, name.span, "declared here", meant)
         for imported in main.loaded.file.imports:
             name = imported.name
             if main.imports.get(name.text) is not None and name.text not in main.used_imports:
-                whole = remove(imported.span, "remove it")
-                self.add("W001", f"import `{name.text}` is never used", name.span, "", whole)
+                removal = remove(imported.span, "remove it")
+                self.keep("W001", f"import `{name.text}` is never used", name.span, "", removal)
 
-    def report(self) -> None:
-        """Reports the warnings that were kept; beside errors the front end leaves them out."""
+    def report_kept(self) -> None:
+        """Reports the kept warnings, of which the front end shows none if there are errors."""
         for code, message, span, label, help_ in self._waiting:
             self.diagnostics.warning(code, message, span, label, helps=(help_,) if help_ else ())
 
@@ -398,13 +397,13 @@ class Shared(Protocol):
     stand_ins: dict[typed.TopicSymbol, tuple[tuple[str, ...], typed.TopicSymbol]]
     """Symbol from `topic_of_instance` -> the path to an instance of a system, and a topic in it."""
 
-    def mark(self) -> tuple[int, int]:
-        """Gives counts that grow if the declaration being checked turns out to be damaged."""
+    def damage_counts(self) -> tuple[int, int]:
+        """Gives two counts that grow when the declaration being checked is found damaged."""
 
     def resolve(self, entry: Entry, span: Span, *, use: bool = True) -> object:
         """Gives the symbol of a declaration; None after an error (T012 for a cycle)."""
 
-    def check_later(self, symbol: object, decl: tree.Decl, scope: FileScope) -> None:
+    def check_body_later(self, symbol: object, decl: tree.Decl, scope: FileScope) -> None:
         """Notes a body to be checked once every signature is known; systems come last."""
 
     def resolve_type(
@@ -416,7 +415,7 @@ class Shared(Protocol):
         duration: bool = False,
         table: bool = False,
     ) -> Type:
-        """Gives the type that an expression means, ERROR after a report: `TypeChecker.check`."""
+        """Gives the type that a type expression means, ERROR after a report, by `TypeChecker`."""
 
     def check_expr(
         self,
@@ -425,12 +424,12 @@ class Shared(Protocol):
         expected: Type | None = None,
         because: Because | None = None,
     ) -> typed.TypedExpr:
-        """Gives the typed expression: `ExprBase.check`."""
+        """Gives an expression typed, of type `expected` if given; ERROR after a report."""
 
     def check_block(self, block: tree.Block, context: Context) -> tuple[typed.TypedStmt, ...]:
         """Gives the typed statements of a block, which gets a scope of its own."""
 
-    def constant(
+    def const_value(
         self,
         expr: tree.SyntaxExpr,
         scope: FileScope,
@@ -444,7 +443,7 @@ class Shared(Protocol):
     def evaluate(self, checked: typed.TypedExpr, subject: str) -> Value | None:
         """Gives the value of a checked constant expression, or None after a report."""
 
-    def number(
+    def check_number(
         self,
         expr: tree.SyntaxExpr,
         context: Context,
@@ -452,20 +451,20 @@ class Shared(Protocol):
         subject: str,
         because: Because | None = None,
     ) -> typed.TypedExpr:
-        """Gives a typed expression over constants and parameters, evaluated for each system."""
+        """Gives the typed expression of a number that each system computes by its parameters."""
 
-    def topic_ref(self, ref: tree.Ref, scope: FileScope) -> typed.TopicSymbol | None:
+    def topic_of_ref(self, ref: tree.Ref, scope: FileScope) -> typed.TopicSymbol | None:
         """Gives the topic that a reference means, or None after a report."""
 
-    def topic_path(
+    def topic_of_path(
         self, path: tree.DottedPath, scope: FileScope
     ) -> tuple[typed.TopicSymbol, tuple[str, ...], Type] | None:
         """Gives the topic of `topic.field...`, the path below it and the type there."""
 
-    def topics_of(self, system: typed.SystemSymbol) -> list[typed.TopicSymbol]:
-        """Gives the topics that an instance of the system has, without those it is wired to."""
+    def topics_of_system(self, system: typed.SystemSymbol) -> list[typed.TopicSymbol]:
+        """Gives the topics that an instance of the system has itself, not those it is wired to."""
 
     def topic_of_instance(
         self, system: typed.SystemSymbol, prefix: list[str], topic: typed.TopicSymbol, span: Span
     ) -> typed.TopicSymbol:
-        """The symbol for a topic of the sub-system instance at `prefix`, always the same one."""
+        """Gives the one symbol that stands for a topic of the sub-system instance at `prefix`."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostics
-from soter.diagnostics.fixes import replace, the_other_way
+from soter.diagnostics.fixes import exchange_bounds, replace
 from soter.language.check.checker_interface import Context
 from soter.language.check.expression_base import CheckerPart, error_expr
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
@@ -76,7 +76,7 @@ OUTSIDE = "of files outside of the program's folder nothing is told"
 
 
 class Calculator:
-    """Evaluates closed expressions over some parameters, all within one budget of operations."""
+    """Evaluates expressions over constants and parameters, all within one budget of operations."""
 
     def __init__(
         self,
@@ -84,18 +84,18 @@ class Calculator:
         params: Mapping[typed.ParamSymbol, Value] | None = None,
         budgets: tuple[int, int] | None = None,
     ) -> None:
-        """Takes in `budgets` how many operations one value, and all together, may cost."""
+        """`budgets` are the most operations of one value, and of all values together."""
         self.diagnostics = diagnostics
-        self._most, self.left = budgets or (NUMBERS_BUDGET // 2, NUMBERS_BUDGET)
-        self._all = self.left
+        self._per_value, self.left = budgets or (NUMBERS_BUDGET // 2, NUMBERS_BUDGET)
+        self._total = self.left
         self._evaluator = Evaluator(params or {}, None, self.left)
 
-    def constant_value(
+    def remembered_value(
         self, name: str, expr: typed.TypedExpr, subject: str, known: dict[str, tuple[Value, int]]
     ) -> Value | None:
-        """The value of a declared constant: the `known` one, at the cost it had, or `value`."""
+        """Gives a declared constant's value, if it can from `known` (name -> value, operations)."""
         value, spent = known.get(name, (None, 0))
-        if name in known and spent <= min(self.left, self._most):
+        if name in known and spent <= min(self.left, self._per_value):
             self.left -= spent
             return value
         left = self.left
@@ -105,12 +105,12 @@ class Calculator:
         return value
 
     def value(self, expr: typed.TypedExpr, subject: str) -> Value | None:
-        """The value of an expression, or None after a report (T020) that begins with `subject`."""
+        """Gives the value of an expression; None after a report (T020), which names `subject`."""
         if isinstance(expr, typed.Literal):
             return expr.value
         if self.left <= 0:
             return None  # this was reported when the budget ran out
-        allowed = min(self.left, self._most)
+        allowed = min(self.left, self._per_value)
         self._evaluator.set_budget(allowed)
         self._evaluator.tell = lambda n: self.diagnostics.tell(
             f"{subject}: {n / MILLION:.0f} million operations"
@@ -124,11 +124,11 @@ class Calculator:
                 "T020",
                 f"{subject} takes too long to compute",
                 expr.span,
-                notes=(f"one constant may take {self._most} operations, all {self._all}",),
+                notes=(f"one constant may take {self._per_value} operations, all {self._total}",),
                 helps=('compute a large table once and read it: `data "file.json"`',),
             )
         finally:
-            self.left -= min(self._evaluator.spent, allowed)
+            self.left -= min(self._evaluator.operations_spent, allowed)
         return None
 
     def _report_fault(self, fault: StepFault, expr: typed.TypedExpr, subject: str) -> None:
@@ -161,7 +161,7 @@ class ConstantChecker(CheckerPart):
         self.calculator = Calculator(shared.diagnostics, None, budgets)
         self._loaded = loaded
 
-    def constant(
+    def const_value(
         self,
         expr: tree.SyntaxExpr,
         scope: FileScope,
@@ -172,13 +172,13 @@ class ConstantChecker(CheckerPart):
     ) -> Value | None:
         """Gives the value of a constant expression, or None after a report.
 
-        `around` is the place around it; a use of that place's locals is reported as `code`.
+        `around` is the place around the expression; a use of its locals is reported as `code`.
         """
         context = Context(scope, subject, constant=code, hidden=around)
         checked = self.shared.check_expr(expr, context, expected)
-        return self.value(checked, subject)
+        return self.evaluate(checked, subject)
 
-    def declared(
+    def declared_value(
         self, decl: tree.ConstDecl, scope: FileScope, expected: Type, subject: str
     ) -> Value | None:
         """Gives the value of a declared constant, or None after a report."""
@@ -187,11 +187,11 @@ class ConstantChecker(CheckerPart):
         checked = self.shared.check_expr(decl.value, context, expected)
         if not self._is_computable(checked, subject):
             return None
-        known = self._loaded.reading.constants(scope.loaded)
-        return self.calculator.constant_value(decl.name.text, checked, subject, known)
+        known = self._loaded.reading.known_constants(scope.loaded)
+        return self.calculator.remembered_value(decl.name.text, checked, subject, known)
 
-    def value(self, checked: typed.TypedExpr, subject: str) -> Value | None:
-        """The value of an expression without locals, topics and parameters; None after a report."""
+    def evaluate(self, checked: typed.TypedExpr, subject: str) -> Value | None:
+        """Gives the value of an expression over constants alone; None after a report."""
         return (
             self.calculator.value(checked, subject)
             if self._is_computable(checked, subject)
@@ -204,7 +204,7 @@ class ConstantChecker(CheckerPart):
             return False
         return self._may_be_evaluated(checked, subject)
 
-    def number(
+    def check_number(
         self,
         expr: tree.SyntaxExpr,
         context: Context,
@@ -212,17 +212,17 @@ class ConstantChecker(CheckerPart):
         subject: str,
         because: Because | None = None,
     ) -> typed.TypedExpr:
-        """Gives the expression of a number, of type `expected`; ERROR after a report."""
+        """Gives the typed expression of a number, of type `expected`; ERROR after a report."""
         checked = self.shared.check_expr(expr, context, expected, because)
         if isinstance(checked.type, ErrorType):
             return checked
-        sound = [self._is_sound(call, subject) for call in calls_in(checked)]
+        sound = [self._is_computable_call(call, subject) for call in calls_in(checked)]
         return checked if all(sound) else error_expr(expr.span)
 
     def _may_be_evaluated(self, checked: typed.TypedExpr, subject: str) -> bool:
-        """Whether every function that an expression calls can be run now; reports it if not."""
+        """Whether all functions that an expression calls can be run now; reports one if not."""
         for call in calls_in(checked):
-            if not self._is_sound(call, subject):
+            if not self._is_computable_call(call, subject):
                 return False
             param = self.shared.calls.param_read_by(call.fun)
             if param is not None:
@@ -238,8 +238,8 @@ class ConstantChecker(CheckerPart):
                 return False
         return True
 
-    def _is_sound(self, call: typed.TypedCall, subject: str) -> bool:
-        """Whether a function and its callees have no errors, and are no externs (T008)."""
+    def _is_computable_call(self, call: typed.TypedCall, subject: str) -> bool:
+        """Whether the functions of a call have no errors, and are no externs, reported as T008."""
         calls = self.shared.calls
         if not calls.is_complete(call.fun):
             self.shared.names.losses += 1
@@ -255,12 +255,12 @@ class ConstantChecker(CheckerPart):
             )
         return extern is None
 
-    def data_value(self, decl: tree.ConstDecl, t: Type, scope: FileScope) -> Value | None:
-        """The value in the file of `data "file"`; None after a report (D001, D004 or D005)."""
+    def value_of_data_file(self, decl: tree.ConstDecl, t: Type, scope: FileScope) -> Value | None:
+        """Gives the value in a constant's data file; None after a report (D001, D004 or D005)."""
         assert decl.data is not None
         path = scope.loaded.path.parent / decl.data
         try:
-            value, raw = self._loaded.reading.data(path, t, self.diagnostics.tell)
+            value, raw = self._loaded.reading.data_value(path, t, self.diagnostics.tell)
             self._loaded.add_data(decl.data, path, raw)
         except ReadError as error:
             if error.missing:
@@ -283,7 +283,7 @@ class ConstantChecker(CheckerPart):
                 "D004",
                 f"`{decl.data}` is not a `{t}`",
                 decl.data_span,
-                str(error) if self._loaded.shows(path) else OUTSIDE,
+                str(error) if self._loaded.may_quote(path) else OUTSIDE,
                 also=((decl.type.span, "this type is expected"),),
             )
             return None
@@ -302,7 +302,7 @@ class TypeChecker(CheckerPart):
         super().__init__(shared)
         self._around: Context | None = None
 
-    def check(
+    def resolve_type(
         self,
         expr: tree.TypeExpr,
         scope: FileScope,
@@ -314,10 +314,10 @@ class TypeChecker(CheckerPart):
         """Gives the type that a type expression means, ERROR after a report.
 
         `duration` allows a duration (else T014). `around` is the place around the expression, whose
-        locals sizes cannot use. `table`: the type is of data, read in place, which may be large.
+        locals no size may use. `table` allows the large type of data that is only read in parts.
         """
         outer, self._around = self._around, around
-        t = self._type_meant(expr, scope, TABLE_MAX if table else VALUE_MAX)
+        t = self._type_of_expr(expr, scope, TABLE_MAX if table else VALUE_MAX)
         self._around = outer
         if isinstance(t, DurationType) and not duration:
             self.diagnostics.error(
@@ -330,7 +330,7 @@ class TypeChecker(CheckerPart):
             return ERROR
         return t
 
-    def _type_meant(self, expr: tree.TypeExpr, scope: FileScope, most: int) -> Type:
+    def _type_of_expr(self, expr: tree.TypeExpr, scope: FileScope, most: int) -> Type:
         if isinstance(expr, tree.BuiltinType):
             return BUILTIN_TYPES[expr.name]
         if isinstance(expr, tree.RangedIntType):
@@ -347,8 +347,8 @@ class TypeChecker(CheckerPart):
         return ERROR
 
     def _unit_type(self, expr: tree.UnitTypeExpr, scope: FileScope, most: int) -> Type:
-        """A type with a unit; reports T030 if it has no numbers, or if the unit is too long."""
-        t = self._type_meant(expr.base, scope, most)
+        """Gives a type with its unit; reports T030 for a type without numbers, or a wrong unit."""
+        t = self._type_of_expr(expr.base, scope, most)
         numbers = any(isinstance(leaf, (FloatType, IntType)) for _, leaf in leaves(t))
         problem = ""
         if not isinstance(t, ErrorType) and not numbers:
@@ -385,7 +385,7 @@ class TypeChecker(CheckerPart):
         return ERROR
 
     def _array_size(self, expr: tree.SyntaxExpr, scope: FileScope, subject: str) -> int | None:
-        value = self.shared.constant(expr, scope, INT, subject, self._around)
+        value = self.shared.const_value(expr, scope, INT, subject, self._around)
         return value if isinstance(value, int) else None
 
     def _int_type(self, expr: tree.RangedIntType, scope: FileScope) -> Type:
@@ -400,7 +400,7 @@ class TypeChecker(CheckerPart):
                 f"[{low}, {high}] is empty",
                 expr.interval.span,
                 "the lower bound is above the upper one",
-                helps=(the_other_way(expr.interval.low.span, expr.interval.high.span),),
+                helps=(exchange_bounds(expr.interval.low.span, expr.interval.high.span),),
             )
             return ERROR
         return IntType(low, high)
@@ -416,9 +416,9 @@ class TypeChecker(CheckerPart):
         spans: dict[str, Span] = {}
         failed = False
         for name, field_type in expr.fields:
-            t = self.check(field_type, scope, self._around)
+            t = self.resolve_type(field_type, scope, self._around)
             failed = failed or isinstance(t, ErrorType)
-            if self.shared.names.is_first(name, spans, "field"):
+            if self.shared.names.enter_if_new(name, spans, "field"):
                 fields[name.text] = t
             else:
                 failed = True
@@ -431,7 +431,7 @@ class TypeChecker(CheckerPart):
     def _array_type(
         self, expr: tree.ArrayTypeExpr | tree.ListTypeExpr, scope: FileScope, most: int
     ) -> Type:
-        element = self.check(expr.element, scope, self._around)
+        element = self.resolve_type(expr.element, scope, self._around)
         is_array = isinstance(expr, tree.ArrayTypeExpr)
         subject = "the size of an array" if is_array else "the capacity of a list"
         size_expr = expr.size if isinstance(expr, tree.ArrayTypeExpr) else expr.capacity

@@ -10,10 +10,10 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from soter.diagnostics.fixes import replace, the_other_way
+from soter.diagnostics.fixes import exchange_bounds, replace
 from soter.language.check import unknown_names
 from soter.language.check.checker_interface import Context
-from soter.language.check.dots_and_brackets import part_and_type
+from soter.language.check.dots_and_brackets import path_and_type
 from soter.language.check.expression_base import CheckerPart, has_error, with_article
 from soter.language.check.parts.module import ModuleChecker
 from soter.language.check.parts.node import NodeChecker, check_binding, located_binding
@@ -22,7 +22,7 @@ from soter.language.check.parts.system import TestChecker
 from soter.language.check.scope import FieldOf
 from soter.language.check.statements import always_returns
 from soter.language.model import typed
-from soter.language.model.tree_walk import topics_beside
+from soter.language.model.tree_walk import topics_of_instances
 from soter.language.model.types import (
     DURATION,
     FLOAT,
@@ -71,11 +71,11 @@ class DeclChecker(CheckerPart):
             tree.ParamDecl: self._param_symbol,
             tree.FunDecl: self._fun_symbol,
             tree.TopicDecl: self._topic_symbol,
-            tree.NodeDecl: self.nodes.signature,
-            tree.RtaDecl: self.modules.signature,
-            tree.PlantDecl: self.plants.signature,
-            tree.SystemDecl: self.systems.signature,
-            tree.TestDecl: self.systems.test_signature,
+            tree.NodeDecl: self.nodes.symbol_of,
+            tree.RtaDecl: self.modules.symbol_of,
+            tree.PlantDecl: self.plants.symbol_of,
+            tree.SystemDecl: self.systems.symbol_of,
+            tree.TestDecl: self.systems.test_symbol_of,
         }
         self._bodies: dict[type, Callable[[Any, Any, FileScope], None]] = {
             tree.NodeDecl: self.nodes.check_body,
@@ -91,16 +91,16 @@ class DeclChecker(CheckerPart):
         return None if check is None else check(entry.decl, entry.scope, entry.full_name)
 
     def check_body(self, symbol: object, decl: tree.Decl, scope: FileScope) -> None:
-        """Checks the part of a declaration that may mention all others."""
+        """Checks the body of a declaration, which may mention all other declarations."""
         self._bodies[type(decl)](symbol, decl, scope)
 
     # ------------------------------------------------------------ types, constants, parameters
 
-    def _type_symbol(self, decl: tree.TypeDecl, scope: FileScope, full: str) -> object:
+    def _type_symbol(self, decl: tree.TypeDecl, scope: FileScope, full_name: str) -> object:
         if isinstance(decl.type, tree.EnumTypeExpr):
             members: dict[str, Span] = {}
             for member in decl.type.members:
-                self.shared.names.is_first(member, members, "member")
+                self.shared.names.enter_if_new(member, members, "member")
             if len(members) > MAX_MEMBERS:
                 self.diagnostics.error(
                     "T011",
@@ -109,19 +109,19 @@ class DeclChecker(CheckerPart):
                     f"{len(members)} members, at most {MAX_MEMBERS} are possible",
                 )
                 return None
-            return EnumType(full, tuple(members))
+            return EnumType(full_name, tuple(members))
         t = self.shared.resolve_type(decl.type, scope, duration=True)
         if isinstance(t, RecordType):
-            return RecordType(t.fields, full)
+            return RecordType(t.fields, full_name)
         return None if isinstance(t, ErrorType) else t
 
-    def _const_symbol(self, decl: tree.ConstDecl, scope: FileScope, full: str) -> object:
+    def _const_symbol(self, decl: tree.ConstDecl, scope: FileScope, full_name: str) -> object:
         data = decl.data is not None
         t = self.shared.resolve_type(decl.type, scope, duration=True, table=data)
         subject = f"constant `{decl.name.text}`"
         value = None
         if decl.data is not None and not isinstance(t, (ErrorType, DurationType)):
-            value = self.constants.data_value(decl, t, scope)
+            value = self.constants.value_of_data_file(decl, t, scope)
         elif decl.data is not None and isinstance(t, DurationType):
             self.diagnostics.error(
                 "T018",
@@ -130,12 +130,12 @@ class DeclChecker(CheckerPart):
                 helps=("read a `float` of seconds",),
             )
         elif decl.value is not None:
-            value = self.constants.declared(decl, scope, t, subject)
+            value = self.constants.declared_value(decl, scope, t, subject)
         if value is None or isinstance(t, ErrorType):
             return None
-        return typed.ConstSymbol(full, decl.name.span, t, value)
+        return typed.ConstSymbol(full_name, decl.name.span, t, value)
 
-    def _param_symbol(self, decl: tree.ParamDecl, scope: FileScope, full: str) -> object:
+    def _param_symbol(self, decl: tree.ParamDecl, scope: FileScope, full_name: str) -> object:
         t = self.shared.resolve_type(decl.type, scope, duration=True)
         subject = f"parameter `{decl.name.text}`"
         if not isinstance(t, (FloatType, IntType, DurationType, EnumType, BoolType, ErrorType)):
@@ -165,7 +165,7 @@ class DeclChecker(CheckerPart):
                 "its default",
                 also=((decl.interval.span, "its range"),) if decl.interval else (),
             )
-        return typed.ParamSymbol(full, decl.name.span, t, default, low, high)
+        return typed.ParamSymbol(full_name, decl.name.span, t, default, low, high)
 
     def _interval_ends(
         self, interval: tree.IntervalExpr | None, scope: FileScope, t: Type, subject: str
@@ -193,25 +193,25 @@ class DeclChecker(CheckerPart):
             f"{shown} is empty",
             at.span,
             "the lower bound is above the upper one",
-            helps=(the_other_way(at.low.span, at.high.span),),
+            helps=(exchange_bounds(at.low.span, at.high.span),),
         )
         return False
 
     def _literal_of(
         self, expr: tree.SyntaxExpr, scope: FileScope, t: Type, subject: str
     ) -> typed.Literal | None:
-        value = self.shared.constant(expr, scope, t, subject)
+        value = self.shared.const_value(expr, scope, t, subject)
         return None if value is None else typed.Literal(t, expr.span, value)
 
     # ------------------------------------------------------------ functions
 
-    def _fun_symbol(self, decl: tree.FunDecl, scope: FileScope, full: str) -> object:
+    def _fun_symbol(self, decl: tree.FunDecl, scope: FileScope, full_name: str) -> object:
         parameters: dict[str, typed.Variable] = {}
         for name, type_expr in decl.parameters:
             t = self.shared.resolve_type(type_expr, scope)
             if name.text in parameters:
                 first = parameters[name.text].span
-                self.shared.names.report_two_of_one_name(name.text, name.span, first, "argument")
+                self.shared.names.report_duplicate(name.text, name.span, first, "argument")
                 parameters[f"{name.text} {name.span.start}"] = typed.Variable(
                     name.text, t, "parameter", name.span
                 )
@@ -222,7 +222,7 @@ class DeclChecker(CheckerPart):
         body: tuple[typed.TypedStmt, ...] | None = None if decl.extern else ()
         check_binding(decl.source, decl.source_span, self.diagnostics)
         fun = typed.FunSymbol(
-            full,
+            full_name,
             decl.name.span,
             parameters=tuple(parameters.values()),
             result=result,
@@ -259,19 +259,19 @@ class DeclChecker(CheckerPart):
 
     # ------------------------------------------------------------ topics
 
-    def _topic_symbol(self, decl: tree.TopicDecl, scope: FileScope, full: str) -> object:
+    def _topic_symbol(self, decl: tree.TopicDecl, scope: FileScope, full_name: str) -> object:
         t = self.shared.resolve_type(decl.type, scope)
         context = Context(scope, f"the declaration of topic `{decl.name.text}`")
         values: dict[tuple[str, ...], typed.RangeSet] = {}
         if decl.values is not None and not isinstance(t, ErrorType):
             self._enter_value_set(decl.values, t, (), values, context)
         because = (decl.type.span, f"the topic is `{t}`")
-        default = self.number_if_given(decl.default, context, t, "a default", because)
-        max_age = self.number_if_given(decl.max_age, context, DURATION, "`max_age`")
+        default = self.check_number_if_given(decl.default, context, t, "a default", because)
+        max_age = self.check_number_if_given(decl.max_age, context, DURATION, "`max_age`")
         if isinstance(t, ErrorType):
             return None
         return typed.TopicSymbol(
-            full,
+            full_name,
             decl.name.span,
             t,
             input=decl.input,
@@ -286,20 +286,20 @@ class DeclChecker(CheckerPart):
         values: tree.ValueSet,
         t: Type,
         path: tuple[str, ...],
-        out: dict[tuple[str, ...], typed.RangeSet],
+        sets: dict[tuple[str, ...], typed.RangeSet],
         context: Context,
     ) -> None:
         if isinstance(values, tree.IntervalExpr):
             interval = self._range_set(values, t, context)
             if interval is not None:
-                out[path] = interval
+                sets[path] = interval
             return
         if not isinstance(t, RecordType):
             self.diagnostics.error(
                 "V004",
                 f"`{t}` has no fields that could have sets of their own",
                 values.span,
-                helps=("give one interval: `in [-1.0, 1.0]`",) if number_type(t) else (),
+                helps=("give one interval: `in [-1.0, 1.0]`",) if common_number_type(t) else (),
             )
             return
         seen: dict[str, Span] = {}
@@ -325,12 +325,12 @@ class DeclChecker(CheckerPart):
             else:
                 seen[name.text] = name.span
                 self.shared.names.note_meaning(name.span, FieldOf(t, name.text))
-                self._enter_value_set(inner, t.fields[index][1], (*path, name.text), out, context)
+                self._enter_value_set(inner, t.fields[index][1], (*path, name.text), sets, context)
 
     def _range_set(
         self, values: tree.IntervalExpr, t: Type, context: Context
     ) -> typed.RangeSet | None:
-        scalar = number_type(t)
+        scalar = common_number_type(t)
         if scalar is None and isinstance(values.low, tree.ErrorExpr):
             return None  # the parser has reported what is wrong with it
         if scalar is None:
@@ -344,11 +344,11 @@ class DeclChecker(CheckerPart):
                 else (),
             )
             return None
-        low = self.shared.number(values.low, context, scalar, "a bound")
-        high = self.shared.number(values.high, context, scalar, "a bound")
+        low = self.shared.check_number(values.low, context, scalar, "a bound")
+        high = self.shared.check_number(values.high, context, scalar, "a bound")
         return None if has_error(low, high) else typed.RangeSet(low, high, values.span)
 
-    def topic_ref(
+    def topic_of_ref(
         self,
         ref: tree.Ref,
         scope: FileScope,
@@ -362,7 +362,7 @@ class DeclChecker(CheckerPart):
         of = typed.TopicSymbol
         return self.referred_symbol(ref, scope, "topic", of, helps=helps, otherwise=otherwise)
 
-    def topic_path(
+    def topic_of_path(
         self, path: tree.DottedPath, scope: FileScope
     ) -> tuple[typed.TopicSymbol, tuple[str, ...], Type] | None:
         """Gives the topic of `topic.field...`, the path below it and the type there."""
@@ -375,18 +375,18 @@ class DeclChecker(CheckerPart):
             )
             first = parts.pop(0)
         helps, otherwise = ((), ()) if ref.qualifier else _no_topic_helps(path, scope)
-        topic = self.topic_ref(ref, scope, helps, otherwise)
+        topic = self.topic_of_ref(ref, scope, helps, otherwise)
         if topic is None:
             return None
-        below = part_and_type(self.shared, topic.type, (first, *parts), scope)
+        below = path_and_type(self.shared, topic.type, (first, *parts), scope)
         return None if below is None else (topic, *below)
 
     # ------------------------------------------------------------ topics of systems
 
-    def topics_of(self, system: typed.SystemSymbol) -> list[typed.TopicSymbol]:
-        """Gives the topics that an instance of the system has, without those it is wired to."""
+    def topics_of_system(self, system: typed.SystemSymbol) -> list[typed.TopicSymbol]:
+        """Gives the topics that an instance of the system has itself, not those it is wired to."""
         if system not in self._topics:
-            beside = topics_beside(system)
+            beside = topics_of_instances(system)
             self._topics[system] = [t for t in beside if t not in self.shared.stand_ins]
         return self._topics[system]
 
@@ -394,14 +394,14 @@ class DeclChecker(CheckerPart):
 def _no_topic_helps(
     path: tree.DottedPath, scope: FileScope
 ) -> tuple[tuple[Help, ...], tuple[Help, ...]]:
-    """Gives `helps` and `otherwise` of `topic_ref` for a path whose first name is no topic."""
+    """Gives `helps` and `otherwise` of `topic_of_ref` for a path whose first name is no topic."""
     first = scope.entries.get(path.parts[0].text)
     if first is not None and first.kind == "topic":
         return (), ()
     decls = [e.decl for e in scope.entries.values()]
     driven = unknown_names.topic_of_truth(decls, list(path.parts)) if path.parts[1:] else None
     known = [d.name.text for d in decls if isinstance(d, tree.TopicDecl)]
-    otherwise = (f"topics are {unknown_names.listed(known)}",) if known else ()
+    otherwise = (f"topics are {unknown_names.quoted_names(known)}",) if known else ()
     return (replace(path.span, driven[0]),) if driven is not None else (), otherwise
 
 
@@ -412,15 +412,15 @@ def scalar_text(value: Value, t: Type) -> str:
     return f"{value!r}" if not isinstance(value, bool) else str(value).lower()
 
 
-def number_type(t: Type) -> Type | None:
+def common_number_type(t: Type) -> Type | None:
     """Gives FLOAT or INT if all numbers in a type are of that kind; None if they differ."""
     if is_vector_part(t):
         return FLOAT
     if isinstance(t, IntType):
         return INT
     if isinstance(t, RecordType):
-        kinds = {number_type(f) for f in {id(f): f for _, f in t.fields}.values()}
+        kinds = {common_number_type(f) for f in {id(f): f for _, f in t.fields}.values()}
         return kinds.pop() if len(kinds) == 1 else None
     if isinstance(t, (ArrayType, ListType)):
-        return number_type(t.element)
+        return common_number_type(t.element)
     return None

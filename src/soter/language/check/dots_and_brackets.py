@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 NAMES_SHOWN = 12
 
 
-def flat_names(expr: tree.SyntaxExpr) -> list[tree.Name] | None:
+def names_of_chain(expr: tree.SyntaxExpr) -> list[tree.Name] | None:
     """Gives the names of a dotted chain `a.b.c`; None for any other expression."""
     names: list[tree.Name] = []
     while isinstance(expr, tree.FieldExpr):
@@ -54,8 +54,8 @@ def flat_names(expr: tree.SyntaxExpr) -> list[tree.Name] | None:
     return names
 
 
-def listed(names: list[str] | tuple[str, ...]) -> str:
-    """Gives the first few names in backticks, and how many more there are."""
+def quoted(names: list[str] | tuple[str, ...]) -> str:
+    """Gives the text of the first few names in backticks, and how many more there are."""
     shown = ", ".join(f"`{n}`" for n in names[:NAMES_SHOWN])
     return shown + (f" and {len(names) - NAMES_SHOWN} more" if len(names) > NAMES_SHOWN else "")
 
@@ -77,27 +77,27 @@ class FieldChecker(ExprBase):
         self, expr: tree.FieldExpr, context: Context, _: Type | None
     ) -> typed.TypedExpr:
         """Checks `target.field` in all its meanings."""
-        names = flat_names(expr)
+        names = names_of_chain(expr)
         if names is not None and names[0].text in context.lost:
             return self.lost_expr(expr.span)
         if names is not None and context.find_local(names[0].text) is None:
             if context.instances is not None and names[0].text in context.instances:
-                return self._check_instance(expr.span, names, context)
-            if self._is_unknown(names[0].text, context):
-                helps = unknown_names.bare_name_helps(names[0], names[1])
-                helps = helps or self._measured_helps(expr, names, context)
+                return self._check_below_instance(expr.span, names, context)
+            if self._is_unknown_name(names[0].text, context):
+                helps = unknown_names.helps_for_foreign_qualifier(names[0], names[1])
+                helps = helps or self._helps_with_measured_topic(expr, names, context)
                 self.report_unknown(names[0], context, dotted=not helps, helps=helps)
                 return error_expr(expr.span)
             typed_expr = self._constant_length(expr, names, context)
-            typed_expr = typed_expr or self._check_below_name(expr, names, context)
+            typed_expr = typed_expr or self._check_member_or_import(expr, names, context)
             if typed_expr is not None:
                 return typed_expr
         target = self.check_in_place(expr.target, context)
         if has_error(target):
             return error_expr(expr.span)
-        return self._check_part(target, expr.field, expr.span)
+        return self._check_dot(target, expr.field, expr.span)
 
-    def _measured_helps(
+    def _helps_with_measured_topic(
         self, expr: tree.FieldExpr, names: list[tree.Name], context: Context
     ) -> tuple[Help, ...]:
         """Gives helps for `c.truth.x` outside of a system: the topic by which the plant tells x."""
@@ -119,7 +119,7 @@ class FieldChecker(ExprBase):
         readable = topics == "any" or (topics and entry is not None and entry.symbol in topics)
         return (replace(expr.span, driven, title),) if readable else (title,)
 
-    def _is_unknown(self, name: str, context: Context) -> bool:
+    def _is_unknown_name(self, name: str, context: Context) -> bool:
         scope = context.scope
         return not (
             name in scope.entries
@@ -134,7 +134,7 @@ class FieldChecker(ExprBase):
     def _constant_length(
         self, expr: tree.FieldExpr, names: list[tree.Name], context: Context
     ) -> typed.TypedExpr | None:
-        """`xs.len` of an array where only constants are allowed; None for other expressions."""
+        """Gives the length `xs.len` of an array in a constant; None for other expressions."""
         if context.hidden is None or expr.field.text != "len":
             return None
         local = context.hidden.find_local(names[0].text)
@@ -146,10 +146,10 @@ class FieldChecker(ExprBase):
         local.used = True
         return typed.Literal(INT, expr.span, t.size)
 
-    def _check_below_name(
+    def _check_member_or_import(
         self, expr: tree.FieldExpr, names: list[tree.Name], context: Context
     ) -> typed.TypedExpr | None:
-        """Checks `Enum.member`, `file.name`, `file.Enum.member`; None for a field of a value."""
+        """Gives `Enum.member`, `file.name`, `file.Enum.member` typed; None for a value's field."""
         scope, first = context.scope, names[0].text
         if first in scope.imports and first not in scope.entries:
             if len(names) == 2:
@@ -178,7 +178,7 @@ class FieldChecker(ExprBase):
             else None
         )
 
-    def _check_part(self, target: typed.TypedExpr, name: tree.Name, span: Span) -> typed.TypedExpr:
+    def _check_dot(self, target: typed.TypedExpr, name: tree.Name, span: Span) -> typed.TypedExpr:
         """Checks a field of a record, or `len` of a list or an array."""
         t = target.type
         helps: tuple[Help, ...] = ()
@@ -189,7 +189,7 @@ class FieldChecker(ExprBase):
                 self.names.note_meaning(name.span, FieldOf(t, name.text))
                 return typed.TypedField(t.fields[index][1], span, target, index)
             fields = [n for n, _ in t.fields]
-            notes = (f"its fields are {listed(fields)}",)
+            notes = (f"its fields are {quoted(fields)}",)
             helps = self.diagnostics.did_you_mean(name.text, fields, name.span)
             stamped = name.text in {"header", "stamp", "timestamp"}
             if stamped and isinstance(target, typed.TopicRead):
@@ -231,14 +231,14 @@ class FieldChecker(ExprBase):
                 "N004",
                 f"`{t}` has no member `{name.text}`",
                 name.span,
-                notes=(f"its members are {listed(t.members)}",),
+                notes=(f"its members are {quoted(t.members)}",),
                 helps=self.diagnostics.did_you_mean(name.text, t.members, name.span),
             )
         return error_expr(span)
 
     # ------------------------------------------------------------ below an instance of a system
 
-    def _check_instance(
+    def _check_below_instance(
         self, span: Span, names: list[tree.Name], context: Context
     ) -> typed.TypedExpr:
         """Checks `plant.truth...`, `sub.topic...`, `sub.plant.truth...` inside a system."""
@@ -290,7 +290,7 @@ class FieldChecker(ExprBase):
                 else f"the plant's state is `{path}.truth`",
             )
         elif isinstance(symbol, typed.SystemSymbol):
-            topics = [t.name.rsplit(".", 1)[-1] for t in self.shared.topics_of(symbol)]
+            topics = [t.name.rsplit(".", 1)[-1] for t in self.shared.topics_of_system(symbol)]
             helps = self.diagnostics.did_you_mean(
                 name.text, [*topics, *(i.name for i in symbol.instances)], name.span
             )
@@ -305,8 +305,8 @@ class FieldChecker(ExprBase):
     def _topic_inside(
         self, system: typed.SystemSymbol, prefix: list[str], name: tree.Name
     ) -> typed.TopicSymbol | None:
-        """The symbol of the topic `name` of a sub-system instance; None if it has no such topic."""
-        for topic in self.shared.topics_of(system):
+        """Gives the symbol of topic `name` of a sub-system instance; None if it has none."""
+        for topic in self.shared.topics_of_system(system):
             if topic.name.rsplit(".", 1)[-1] == name.text:
                 self.names.note_meaning(name.span, topic)
                 return self.shared.topic_of_instance(system, prefix, topic, name.span)
@@ -318,7 +318,7 @@ class FieldChecker(ExprBase):
         for name in names:
             if has_error(value):
                 return value
-            value = self._check_part(value, name, span)
+            value = self._check_dot(value, name, span)
         return value
 
     # ------------------------------------------------------------ brackets
@@ -359,30 +359,30 @@ def may_be_in_range(
         f"index {index.value} is outside `{t}`",
         index.span,
         f"0 to {limit - 1} are possible" if limit > 1 else "only 0 is possible",
-        helps=_end_help(t, index, target),
+        helps=_past_end_help(t, index, target),
     )
     return False
 
 
-def index_help(of: Type, whole: Span, target: str, index: typed.TypedExpr) -> tuple[Help, ...]:
-    """Help with `p.x` for `p[0]`; `whole` is all of it, `target` the text before the brackets."""
-    if not isinstance(of, RecordType):
+def index_help(t: Type, span: Span, target: str, index: typed.TypedExpr) -> tuple[Help, ...]:
+    """Gives the help `p.x` for `p[0]` at `span`; `target` is the text before the brackets."""
+    if not isinstance(t, RecordType):
         return ()
-    names = [name for name, _ in of.fields]
+    names = [name for name, _ in t.fields]
     if isinstance(index, typed.Literal) and 0 <= index.value < len(names):
-        return (replace(whole, f"{target}.{names[index.value]}"),)
-    return (f"its fields are {listed(names)}",)
+        return (replace(span, f"{target}.{names[index.value]}"),)
+    return (f"its fields are {quoted(names)}",)
 
 
-def _end_help(of: ArrayType | ListType, index: typed.Literal, target: str) -> tuple[Help, ...]:
-    """Gives help for an index before or after all: `xs[xs.len - 1]` for `xs[-1]`, the last one."""
+def _past_end_help(t: ArrayType | ListType, index: typed.Literal, target: str) -> tuple[Help, ...]:
+    """Gives help for an index outside: `xs[xs.len - 1]` for `xs[-1]`, the last for one too many."""
     if index.value >= 0:
-        last = of.size - 1 if isinstance(of, ArrayType) else of.capacity - 1
+        last = t.size - 1 if isinstance(t, ArrayType) else t.capacity - 1
         title = f"indices begin at 0: the last one is `{last}`"
         return (replace(index.span, f"{last}", title),) if index.value == last + 1 else ()
-    if isinstance(of, ListType):
+    if isinstance(t, ListType):
         return (replace(index.span, f"{target}.len - {-index.value}"),)
-    from_zero = of.size + index.value
+    from_zero = t.size + index.value
     return (replace(index.span, f"{from_zero}"),) if from_zero >= 0 else ()
 
 
@@ -404,7 +404,7 @@ def find_instance(
     return symbol, depth
 
 
-def part_and_type(
+def path_and_type(
     shared: Shared,
     root: Type,
     parts: Sequence[tree.Name],
@@ -413,7 +413,7 @@ def part_and_type(
 ) -> tuple[tuple[str, ...], Type] | None:
     """Gives the path of `parts` below type `root`, and the type there; None after a report.
 
-    `plant` is the plant whose state has type `root`, if it is a plant's.
+    `plant` is the plant whose state has type `root`; None if `root` is the type of a topic.
     """
     t, path, whole = root, [], parts[0].span.to(parts[-1].span)
     for part in parts:
@@ -434,7 +434,7 @@ def part_and_type(
 
 
 def hint_to_one_number(t: Type, path: tree.DottedPath) -> str:
-    """Gives text that tells how to name one number of `t`, where `path` names all of `t`."""
+    """Gives the text of a help that says how to name one number of `t`, which `path` names."""
     if not isinstance(t, ArrayType):
         return "name one of its fields"
     return f"name one of its elements, `{path.span.text}[0]` to `{path.span.text}[{t.size - 1}]`"
@@ -466,7 +466,7 @@ def _index_value(
     shared: Shared, t: Type, index: tree.SyntaxExpr, path: Span, scope: FileScope
 ) -> int | None:
     """Gives the value of an index in a path; None after a report."""
-    value = shared.constant(index, scope, INT, "the index of an element")
+    value = shared.const_value(index, scope, INT, "the index of an element")
     if not isinstance(value, int) or isinstance(t, ErrorType):
         return None
     number = typed.Literal(INT, index.span, value, str(value))

@@ -14,7 +14,7 @@ from soter.diagnostics.fixes import replace
 from soter.language.check import unknown_names
 from soter.language.check.call import CallChecker
 from soter.language.check.checker_interface import SPECIALS
-from soter.language.check.dots_and_brackets import listed
+from soter.language.check.dots_and_brackets import quoted
 from soter.language.check.expression_base import error_expr, float_literal, has_error, plain_type
 from soter.language.check.operators_and_choices import ChooseChecker, OperatorChecker
 from soter.language.check.scope import BUILTIN_FUNCTIONS, FieldOf
@@ -51,8 +51,8 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
     def check_unconverted(
         self, expr: tree.SyntaxExpr, context: Context, expected: Type | None
     ) -> typed.TypedExpr:
-        """The typed expression, not yet converted; `expected` is the type of number literals."""
-        typed_expr = self._any_value(expr, context, expected)
+        """Gives the typed expression, not yet converted; number literals get type `expected`."""
+        typed_expr = self._check_by_kind(expr, context, expected)
         if not isinstance(typed_expr, typed.Literal) or not isinstance(typed_expr.value, Table):
             return typed_expr
         return self.refuse(
@@ -65,10 +65,10 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
         )
 
     def check_in_place(self, expr: tree.SyntaxExpr, context: Context) -> typed.TypedExpr:
-        """Gives a typed expression of which only a part will be read, so that it may be a table."""
-        return self._any_value(expr, context, None)
+        """Gives a typed expression that may be a large table, as only a part of it will be read."""
+        return self._check_by_kind(expr, context, None)
 
-    def _any_value(
+    def _check_by_kind(
         self, expr: tree.SyntaxExpr, context: Context, expected: Type | None
     ) -> typed.TypedExpr:
         method = self._METHODS.get(type(expr))
@@ -137,7 +137,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
                 notes=("a contract speaks about what a node reads and publishes",),
                 helps=("check it in the step: `assert ...;`",),
             )
-        entry = self.names.find(context.scope, name, span)
+        entry = self.names.find_entry(context.scope, name, span)
         if entry is not None:
             return self.entry_value(entry, span, context)
         if name in SPECIALS:
@@ -191,7 +191,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
     def _refuse_in_constant(
         self, subject: str, span: Span, declared: Span | None, context: Context
     ) -> typed.TypedExpr:
-        """Reports T008, or T007 in the bound of a loop, of `subject`, known only in a run."""
+        """Reports T008, or T007 in a loop's bound, of a constant that needs a value of the run."""
         step = context.constant == "T007" and context.where == "the bound of a loop"
         what_runs = context.constant == "T007" and not step
         return self.refuse(
@@ -230,13 +230,13 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
             f"`{entry.decl.name.text}` is a {entry.kind}, not a value",
             span,
             also=((entry.decl.name.span, "declared here"),),
-            helps=self._entry_helps(entry, symbol, span, context),
+            helps=self._helps_for_non_value(entry, symbol, span, context),
         )
 
-    def _entry_helps(
+    def _helps_for_non_value(
         self, entry: Entry, symbol: object, span: Span, context: Context
     ) -> tuple[Help, ...]:
-        """Gives helps with the value that was meant by a function, module, plant, node or type."""
+        """Gives helps with a value, for a function, module, plant, node or type used as one."""
         name = entry.decl.name.text
         if isinstance(symbol, typed.FunSymbol):
             arguments = ", ".join(p.name for p in symbol.parameters)
@@ -318,7 +318,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
                     "N004",
                     f"`{target}` has no field `{name.text}`",
                     name.span,
-                    notes=(f"its fields are {listed(list(wanted))}",),
+                    notes=(f"its fields are {quoted(list(wanted))}",),
                     helps=self.diagnostics.did_you_mean(name.text, wanted, name.span),
                 )
                 failed = True
@@ -330,9 +330,9 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
         if target and missing and len(values) < len(wanted):
             self.diagnostics.error(
                 "T010",
-                f"`{target}` needs {listed(missing)} too",
+                f"`{target}` needs {quoted(missing)} too",
                 expr.span,
-                f"without {listed(missing)}",
+                f"without {quoted(missing)}",
                 notes=("a record is given with all of its fields",),
             )
             failed = True
@@ -351,7 +351,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
         count = len(items)
         if isinstance(expected, ListType):
             if count > expected.capacity:
-                self._report_too_many(
+                self._report_wrong_count(
                     f"{count} elements do not fit into `{expected}`",
                     expr.elements[expected.capacity].span,
                     f"element number {expected.capacity + 1}",
@@ -361,7 +361,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
         elif isinstance(expected, ArrayType):
             if count != expected.size:
                 are = f"{count} {'is' if count == 1 else 'are'} given"
-                self._report_too_many(
+                self._report_wrong_count(
                     f"`{expected}` has {expected.size} elements, but {are}", expr.span, ""
                 )
                 return error_expr(expr.span)
@@ -382,7 +382,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
             return error_expr(expr.span)
         return typed.Aggregate(target, expr.span, tuple(items))
 
-    def _report_too_many(self, message: str, span: Span, label: str) -> None:
+    def _report_wrong_count(self, message: str, span: Span, label: str) -> None:
         self.diagnostics.error("T019", message, span, label)
 
     _METHODS: ClassVar[

@@ -46,7 +46,7 @@ SECONDS_MAX = 1e6
 
 
 def error_expr(span: Span) -> typed.TypedExpr:
-    """Gives an expression of type ERROR, for one of which an error was reported."""
+    """Gives an expression of type ERROR, which takes the place of one with a reported error."""
     return typed.Literal(ERROR, span, None)
 
 
@@ -71,7 +71,7 @@ def plain_type(t: Type) -> Type:
 
 
 def float_literal(expr: typed.TypedExpr) -> typed.TypedExpr | None:
-    """Gives an unnamed int literal, or a sum or product of such, as a float literal; else None."""
+    """Gives as float an unnamed int literal, or a sum or product of these; None for others."""
     if not isinstance(expr.type, IntType):
         return None
     if isinstance(expr, typed.Literal) and expr.name is None:
@@ -86,7 +86,7 @@ def float_literal(expr: typed.TypedExpr) -> typed.TypedExpr | None:
 def unify_literals(
     left: typed.TypedExpr, right: typed.TypedExpr
 ) -> tuple[typed.TypedExpr, typed.TypedExpr]:
-    """Gives both operands; an int literal beside a float operand becomes a float."""
+    """Gives both operands, with an int literal beside a float operand turned into a float."""
     if isinstance(left.type, FloatType):
         return left, float_literal(right) or right
     if isinstance(right.type, FloatType):
@@ -95,7 +95,7 @@ def unify_literals(
 
 
 def difference_note(expected: Type, actual: Type) -> str:
-    """Gives a note on the part in which two similar types differ; "" for types that differ more."""
+    """Gives a note on the part in which two records or lists differ; "" if it has none to give."""
     if isinstance(expected, RecordType) and isinstance(actual, RecordType):
         have, want = dict(actual.fields), dict(expected.fields)
         for name, t in want.items():
@@ -115,7 +115,7 @@ def difference_note(expected: Type, actual: Type) -> str:
 
 
 class CheckerPart:
-    """A part of the checker, for one kind of syntax; the other parts it knows as `shared`."""
+    """The base of checkers of one kind of syntax, which reach the others through `shared`."""
 
     def __init__(self, shared: Shared) -> None:
         self.shared = shared
@@ -126,13 +126,13 @@ class CheckerPart:
         ref: tree.Ref,
         scope: FileScope,
         kind: str,
-        of: type[_Symbol],
+        symbol_class: type[_Symbol],
         *,
         helps: tuple[Help, ...] = (),
         otherwise: tuple[Help, ...] = (),
         notes: tuple[str, ...] = (),
     ) -> _Symbol | None:
-        """Gives the symbol of class `of` that a reference means, or None after a report.
+        """Gives the symbol of class `symbol_class` that a reference means, or None after a report.
 
         The report is N003 for a declaration of another `kind`, with `helps` and `notes`; else N001,
         with `otherwise`, or N006.
@@ -151,9 +151,9 @@ class CheckerPart:
             )
             return None
         symbol = self.shared.resolve(entry, ref.span)
-        return symbol if isinstance(symbol, of) else None
+        return symbol if isinstance(symbol, symbol_class) else None
 
-    def number_if_given(
+    def check_number_if_given(
         self,
         expr: tree.SyntaxExpr | None,
         context: Context,
@@ -161,10 +161,10 @@ class CheckerPart:
         subject: str,
         because: Because | None = None,
     ) -> typed.TypedExpr | None:
-        """Gives `Shared.number` of an expression; None without one, or after a report."""
+        """Gives the typed expression of a number; None without `expr`, or after a report."""
         if expr is None:
             return None
-        return unless_error(self.shared.number(expr, context, expected, subject, because))
+        return unless_error(self.shared.check_number(expr, context, expected, subject, because))
 
 
 class ExprBase(CheckerPart, ABC):
@@ -186,12 +186,12 @@ class ExprBase(CheckerPart, ABC):
         notes: tuple[str, ...] = (),
         helps: tuple[Help, ...] = (),
     ) -> typed.TypedExpr:
-        """Reports an error at `span`; gives the ERROR expression for `whole` or `span`."""
+        """Reports an error at `span`; gives the ERROR expression for `whole`, or else `span`."""
         self.diagnostics.error(code, message, span, label, also=also, notes=notes, helps=helps)
         return error_expr(span if whole is None else whole)
 
     def lost_expr(self, span: Span) -> typed.TypedExpr:
-        """Gives the ERROR expression for syntax that an error reported before makes uncheckable."""
+        """Gives the ERROR expression for syntax that cannot be checked after an earlier error."""
         self.names.losses += 1
         return error_expr(span)
 
@@ -259,11 +259,11 @@ class ExprBase(CheckerPart, ABC):
     def check_unconverted(
         self, expr: tree.SyntaxExpr, context: Context, expected: Type | None
     ) -> typed.TypedExpr:
-        """The typed expression, not yet converted; `expected` is the type of number literals."""
+        """Gives the typed expression, not yet converted; number literals get type `expected`."""
 
     @abstractmethod
     def check_in_place(self, expr: tree.SyntaxExpr, context: Context) -> typed.TypedExpr:
-        """Gives a typed expression of which only a part will be read, so that it may be a table."""
+        """Gives a typed expression that may be a large table, as only a part of it will be read."""
 
     def check(
         self,
@@ -288,7 +288,7 @@ class ExprBase(CheckerPart, ABC):
         if isinstance(expected, ErrorType) or has_error(expr) or expr.type == expected:
             return expr
         if isinstance(expected, IntType) and isinstance(expr.type, IntType):
-            return self._narrowed(expr, expected, because)
+            return self._narrowed_int(expr, expected, because)
         if isinstance(expected, FloatType):
             as_float = float_literal(expr)
             if as_float is not None:
@@ -304,7 +304,7 @@ class ExprBase(CheckerPart, ABC):
             helps=list_helps(expr, expected) or _conversion_helps(expected, expr),
         )
 
-    def _narrowed(
+    def _narrowed_int(
         self, expr: typed.TypedExpr, expected: IntType, because: Because | None
     ) -> typed.TypedExpr:
         if not isinstance(expr, typed.Literal):
@@ -322,12 +322,12 @@ class ExprBase(CheckerPart, ABC):
 
 def list_helps(expr: typed.TypedExpr, wanted: Type) -> tuple[Help, ...]:
     """Gives helps if a list or an array, such as a queue, stands where an element is wanted."""
-    of = expr.type
-    if not isinstance(of, (ListType, ArrayType)) or type(of.element) is not type(wanted):
+    t = expr.type
+    if not isinstance(t, (ListType, ArrayType)) or type(t.element) is not type(wanted):
         return ()
     text = expr.span.text
     loop = f"for {'x' if text != 'x' else 'each'} in {text} {{ ... }}"
-    if isinstance(expr, typed.TopicRead) and isinstance(of, ListType) and expr.topic.type != of:
+    if isinstance(expr, typed.TopicRead) and isinstance(t, ListType) and expr.topic.type != t:
         return (
             f"its queue makes `{text}` a list: `{loop}`",
             "or subscribe to it without a queue: then it is the last value",
@@ -335,13 +335,13 @@ def list_helps(expr: typed.TypedExpr, wanted: Type) -> tuple[Help, ...]:
     return (f"look at each of its elements: `{loop}`",)
 
 
-def member_helps(of: EnumType, expr: typed.TypedExpr) -> tuple[Help, ...]:
+def member_helps(enum: EnumType, expr: typed.TypedExpr) -> tuple[Help, ...]:
     """Gives help with the enum member of a number, `Gear.Drive` for 1; else the first member."""
-    name = of.name.rpartition(".")[2]
-    whole = isinstance(expr, typed.Literal) and isinstance(expr.type, IntType)
-    if isinstance(expr, typed.Literal) and whole and 0 <= expr.value < len(of.members):
-        return (replace(expr.span, f"{name}.{of.members[expr.value]}"),)
-    return tuple(f"a case of it is named: `{name}.{member}`" for member in of.members[:1])
+    name = enum.name.rpartition(".")[2]
+    is_number = isinstance(expr, typed.Literal) and isinstance(expr.type, IntType)
+    if isinstance(expr, typed.Literal) and is_number and 0 <= expr.value < len(enum.members):
+        return (replace(expr.span, f"{name}.{enum.members[expr.value]}"),)
+    return tuple(f"a case of it is named: `{name}.{member}`" for member in enum.members[:1])
 
 
 def _type_labels(expr: typed.TypedExpr, because: Because | None) -> tuple[tuple[Span, str], ...]:
@@ -364,9 +364,9 @@ def _conversion_helps(expected: Type, expr: typed.TypedExpr) -> tuple[Help, ...]
     if isinstance(expected, EnumType) and not isinstance(actual, EnumType):
         return member_helps(expected, expr)
     if isinstance(expected, BoolType):
-        return _truth_helps(expr)
+        return _bool_helps(expr)
     if isinstance(expected, DurationType):
-        return _time_helps(expr)
+        return _duration_helps(expr)
     if isinstance(expr, typed.Aggregate) and isinstance(expected, RecordType):
         return _record_helps(expected, expr)
     if isinstance(expected, (ArrayType, ListType)) and expected.element == actual:
@@ -386,7 +386,7 @@ def _float_helps(expr: typed.TypedExpr) -> tuple[Help, ...]:
     return (replace(span, f"({text} ? 1.0 : 0.0)", "convert it: `b ? 1.0 : 0.0`"),)
 
 
-def _truth_helps(expr: typed.TypedExpr) -> tuple[Help, ...]:
+def _bool_helps(expr: typed.TypedExpr) -> tuple[Help, ...]:
     """Gives helps that turn an enum member or a number into a bool by a comparison."""
     actual, span = expr.type, expr.span
     text = span.text
@@ -403,7 +403,7 @@ def _truth_helps(expr: typed.TypedExpr) -> tuple[Help, ...]:
     return (append(span, " != 0", f"write `{text} != 0`"),)
 
 
-def _time_helps(expr: typed.TypedExpr) -> tuple[Help, ...]:
+def _duration_helps(expr: typed.TypedExpr) -> tuple[Help, ...]:
     """Gives helps that turn seconds into a duration: at the declaration of a named number."""
     param = expr.param if isinstance(expr, typed.ParamRead) else None
     named = param is not None or (isinstance(expr, typed.Literal) and expr.name is not None)

@@ -64,18 +64,18 @@ class ChooseChecker(ExprBase):
     def check_choose(
         self, expr: tree.ChooseExpr, context: Context, expected: Type | None
     ) -> typed.TypedExpr:
-        """The typed choice; its alternatives are checked even if `choose` is not allowed here."""
+        """Gives the typed choice; checks its alternatives even if no `choose` may stand here."""
         if context.choices is None:
             self._report_misplaced(expr.span, context)
         if expr.interval is not None:
-            choice = self._choice_between(expr, expr.interval, context)
+            choice = self._choice_from_interval(expr, expr.interval, context)
         elif expr.type is not None:
             choice = self._choice_of_type(expr, expr.type, context)
         else:
             choice = self._choice_of_values(expr, context, expected)
         if not isinstance(choice, typed.TypedChoose) or context.choices is None:
             return error_expr(expr.span)
-        if not self._is_countable_choice(expr, choice.count):
+        if not self._has_few_alternatives(expr, choice.count):
             return error_expr(expr.span)
         if expr.fair and isinstance(context.owner, typed.PlantSymbol):
             note = "who chooses fairly remembers what it took before, and a plant has its states"
@@ -105,9 +105,9 @@ class ChooseChecker(ExprBase):
         message = f"`choose` cannot stand in {where}"
         self.diagnostics.error("E001", message, span, notes=(note,), helps=(help_,))
 
-    # ------------------------------------------------------------ the three kinds
+    # ------------------------------------------------------------ the three forms of a choice
 
-    def _choice_between(
+    def _choice_from_interval(
         self, expr: tree.ChooseExpr, interval: tree.IntervalExpr, context: Context
     ) -> typed.TypedExpr:
         """Checks `choose [low, high]` with constant ints."""
@@ -189,7 +189,7 @@ class ChooseChecker(ExprBase):
             whole=whole,
         )
 
-    def _is_countable_choice(self, expr: tree.ChooseExpr, count: int) -> bool:
+    def _has_few_alternatives(self, expr: tree.ChooseExpr, count: int) -> bool:
         most = MAX_FAIR if expr.fair else MAX_CHOICES
         if count <= most:
             return True
@@ -225,7 +225,7 @@ class OperatorChecker(ExprBase):
             and not isinstance(expected, FloatType)
         ):
             return typed.Literal(INT, expr.span, INT_MIN)  # 2^63 is no int, but -2^63 is
-        operand = self.check_unconverted(expr.operand, context, _number_hint(expected))
+        operand = self.check_unconverted(expr.operand, context, _expected_operand_type(expected))
         if has_error(operand):
             return operand
         t = operand.type
@@ -270,7 +270,7 @@ class OperatorChecker(ExprBase):
             return typed.TypedBinary(BOOL, expr.span, op, left, right)
         hint = None
         if op in {"+", "-"}:
-            hint = _number_hint(expected)
+            hint = _expected_operand_type(expected)
         elif op in {"*", "/"} and isinstance(expected, FloatType):
             hint = expected
         left = self.check_unconverted(expr.left, context, hint)
@@ -278,7 +278,7 @@ class OperatorChecker(ExprBase):
         if has_error(left, right):
             return error_expr(expr.span)
         left, right = unify_literals(left, right)
-        result = (_comparison if op in COMPARISONS else _calculation)(expr, left, right)
+        result = (_typed_comparison if op in COMPARISONS else _typed_calculation)(expr, left, right)
         if result is None:
             lt, rt = left.type, right.type
             return self.refuse(
@@ -288,7 +288,7 @@ class OperatorChecker(ExprBase):
                 also=((expr.left.span, f"`{lt}`"), (expr.right.span, f"`{rt}`")),
                 helps=list_helps(left, rt)
                 or list_helps(right, lt)
-                or _enum_case_help(left, right, expected)
+                or _help_beside_number(left, right, expected)
                 or _operator_help(expr, lt, rt, expected),
             )
         if op == "/":
@@ -335,8 +335,8 @@ class OperatorChecker(ExprBase):
         return typed.Conditional(t, expr.span, condition, then, otherwise)
 
 
-def _number_hint(expected: Type | None) -> Type | None:
-    """Gives the type to expect of the operands of `+` and `-`: the result's, if it is of floats."""
+def _expected_operand_type(expected: Type | None) -> Type | None:
+    """Gives the type that operands of `+` and `-` should have: `expected` if it is of floats."""
     if isinstance(expected, FloatType) or (expected is not None and is_vector(expected)):
         return expected
     return None
@@ -352,7 +352,7 @@ _ARITHMETIC_TYPES: Mapping[tuple[type[Type], str, type[Type]], Type] = {
 """(left type, operator, right type) of scalars -> type of the result."""
 
 
-def _comparison(
+def _typed_comparison(
     expr: tree.BinaryExpr, left: typed.TypedExpr, right: typed.TypedExpr
 ) -> typed.TypedExpr | None:
     lt, rt = left.type, right.type
@@ -364,7 +364,7 @@ def _comparison(
     return None
 
 
-def _calculation(
+def _typed_calculation(
     expr: tree.BinaryExpr, left: typed.TypedExpr, right: typed.TypedExpr
 ) -> typed.TypedExpr | None:
     op, lt, rt, span = expr.op, left.type, right.type, expr.span
@@ -385,10 +385,10 @@ def _float_factor(factor: typed.TypedExpr) -> typed.TypedExpr | None:
     return factor if isinstance(factor.type, FloatType) else float_literal(factor)
 
 
-def _enum_case_help(
+def _help_beside_number(
     left: typed.TypedExpr, right: typed.TypedExpr, expected: Type | None
 ) -> tuple[Help, ...]:
-    """Gives helps with `Gear.Drive` for an enum beside 1, and with `b ? 1.0 : 0.0` for a bool."""
+    """Gives helps for an enum, a bool or a record beside a number: `Gear.Drive`, `b ? 1 : 0`."""
     for one, other in ((left, right), (right, left)):
         if isinstance(one.type, EnumType) and isinstance(other.type, (IntType, FloatType)):
             return member_helps(one.type, other)
@@ -406,18 +406,18 @@ def _enum_case_help(
     return ()
 
 
-def _components_help(expr: tree.BinaryExpr, of: Type) -> Help:
+def _components_help(expr: tree.BinaryExpr, t: Type) -> Help:
     """Gives help with an operator by components: `{ x: a.x * b.x, y: a.y * b.y }` for `a * b`."""
-    names = [name for name, _ in of.fields] if isinstance(of, RecordType) else []
+    names = [name for name, _ in t.fields] if isinstance(t, RecordType) else []
     a, b = expr.left, expr.right
     plain = isinstance(a, (tree.NameExpr, tree.FieldExpr)) and isinstance(
         b, (tree.NameExpr, tree.FieldExpr)
     )
     left, right = (a.span.text, b.span.text) if plain else ("a", "b")
     fields = ", ".join(f"{n}: {left}.{n} {expr.op} {right}.{n}" for n in names)
-    whole = f"{{ {fields} }}" if names else f"[{left}[0] {expr.op} {right}[0], ...]"
-    title = f"by components: `{whole}`"
-    return replace(expr.span, whole, title) if plain and names else title
+    result = f"{{ {fields} }}" if names else f"[{left}[0] {expr.op} {right}[0], ...]"
+    title = f"by components: `{result}`"
+    return replace(expr.span, result, title) if plain and names else title
 
 
 def _operator_help(
@@ -427,9 +427,9 @@ def _operator_help(
     if op == "+" and isinstance(lt, ListType) and isinstance(rt, (ListType, ArrayType)):
         return (_push_help(expr),)
     if is_vector(lt) and is_vector(rt):
-        return _vector_help(expr, lt, rt, expected)
+        return _vector_operator_help(expr, lt, rt, expected)
     if kinds <= {IntType, FloatType, DurationType}:
-        return _number_help(expr, lt, rt)
+        return _number_operator_help(expr, lt, rt)
     if op in COMPARISONS and kinds <= {RecordType, ArrayType, ListType}:
         return ("compare the parts one by one",)
     if op in COMPARISONS and kinds <= {BoolType, EnumType} and lt == rt:
@@ -444,10 +444,10 @@ def _push_help(expr: tree.BinaryExpr) -> str:
     return f"a statement adds to a list: `push {expr.left.span.text}, {pushed};`{loop}"
 
 
-def _vector_help(
+def _vector_operator_help(
     expr: tree.BinaryExpr, lt: Type, rt: Type, expected: Type | None
 ) -> tuple[Help, ...]:
-    """Gives helps for an operator between two vectors: the scalar product, or each component."""
+    """Gives helps for an operator between vectors: the scalar product, or one by components."""
     op = expr.op
     if op in "*/" and expected is not None and lt == rt == expected:
         return (_components_help(expr, lt),)
@@ -463,12 +463,12 @@ def _vector_help(
     return ("compare the parts one by one",) if comparable else ()
 
 
-def _number_help(expr: tree.BinaryExpr, lt: Type, rt: Type) -> tuple[Help, ...]:
+def _number_operator_help(expr: tree.BinaryExpr, lt: Type, rt: Type) -> tuple[Help, ...]:
     """Gives helps for an operator between numbers or times of two types: one side converted."""
     op, left, right, kinds = expr.op, expr.left.span, expr.right.span, {type(lt), type(rt)}
     if kinds == {IntType, FloatType}:
-        of = left if isinstance(lt, IntType) else right
-        return (replace(of, f"float({of.text})", "convert the int: `float(...)`"),)
+        side = left if isinstance(lt, IntType) else right
+        return (replace(side, f"float({side.text})", "convert the int: `float(...)`"),)
     if op == "%" and kinds == {FloatType}:
         x, y = left.text, right.text
         rest = f"({x}) - floor(({x}) / ({y})) * ({y})"
@@ -478,5 +478,5 @@ def _number_help(expr: tree.BinaryExpr, lt: Type, rt: Type) -> tuple[Help, ...]:
     title = "`seconds(d)` is a time as a `float`"
     if op in "*/%" or kinds != {DurationType, FloatType}:
         return (title,)
-    of = left if isinstance(lt, DurationType) else right
-    return (replace(of, f"seconds({of.text})", title),)
+    side = left if isinstance(lt, DurationType) else right
+    return (replace(side, f"seconds({side.text})", title),)

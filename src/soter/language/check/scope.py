@@ -65,7 +65,7 @@ class Entry:
     scope: FileScope
     kind: str
     state: str = "new"
-    """From "new" over "resolving" to "done"; meeting one that is "resolving" means a cycle."""
+    """First "new", then "resolving", then "done"; if it is needed while "resolving": a cycle."""
     symbol: object = None
     used: bool = False
 
@@ -75,7 +75,7 @@ class Entry:
         return self.scope.loaded.prefix + self.decl.name.text
 
     def helps_for_other_kind(self, wanted: str, span: Span) -> tuple[Help, ...]:
-        """Helps for a use of this declaration where a declaration of kind `wanted` is needed."""
+        """Gives helps for a use of this declaration where one of kind `wanted` is needed."""
         decls = [e.decl for e in self.scope.entries.values()]
         return unknown_names.helps_for_other_kind(decls, self.decl, wanted, span)
 
@@ -94,12 +94,12 @@ class FileScope:
 
 @dataclass(eq=False)
 class Meanings:
-    """What names mean, for an editor: a meaning by place, and the syntax of records' fields."""
+    """The meanings of names by their places, and the syntax of records' fields, for an editor."""
 
     at: dict[tuple[int, int], object] = field(default_factory=dict)
     """(source, start of the name) -> an `Entry`, `Import`, `FieldOf`, or typed symbol."""
     records: dict[int, tuple[object, object]] = field(default_factory=dict)
-    """Fields of a record type, by identity -> they, and the syntax that declares them."""
+    """Identity of the fields of a record type -> these fields, and the syntax that has them."""
 
 
 @dataclass(frozen=True)
@@ -121,9 +121,9 @@ class FieldOf:
 NO_VALUES = ("node", "plant", "module", "system", "test")
 
 
-def _missing_declaration(decls: list[tree.Decl], kind: str, name: str) -> tuple[Help, ...]:
-    """Help with the beginning of a declaration of this kind; () for kinds of several lines."""
-    undriven = kind == "topic" and not unknown_names.is_driven(decls, name)
+def _help_to_declare(decls: list[tree.Decl], kind: str, name: str) -> tuple[Help, ...]:
+    """Gives a help that shows how to declare a name; () for kinds without an example."""
+    undriven = kind == "topic" and not unknown_names.is_published_or_driven(decls, name)
     example = EXAMPLES.get("input topic" if undriven else kind)
     return (f"declare it: `{example.format(name)}`",) if example else ()
 
@@ -139,13 +139,13 @@ class Names:
     """The scopes of a whole program.
 
     `losses` counts uses of declarations whose absence had been reported before: a checker that sees
-    it grow knows that its result is incomplete because of another declaration. `meant` has what
+    it grow knows that its result is incomplete because of another declaration. `meanings` has what
     each name means, if an editor asks.
     """
 
-    def __init__(self, diagnostics: Diagnostics, meant: Meanings | None = None) -> None:
+    def __init__(self, diagnostics: Diagnostics, meanings: Meanings | None = None) -> None:
         self.diagnostics = diagnostics
-        self.meant = meant
+        self.meanings = meanings
         self.scopes: list[FileScope] = []
         self.prelude: dict[str, Entry] = {}
         self.losses = 0
@@ -154,13 +154,13 @@ class Names:
 
     def note_meaning(self, span: Span, meaning: object) -> None:
         """Notes what the name at a place means; the first meaning of a place stays."""
-        if self.meant is not None and meaning is not None:
-            self.meant.at.setdefault((id(span.source), span.start), meaning)
+        if self.meanings is not None and meaning is not None:
+            self.meanings.at.setdefault((id(span.source), span.start), meaning)
 
     def note_syntax_of_fields(self, fields: object, syntax: object) -> None:
         """Notes which syntax declares the fields of a record type."""
-        if self.meant is not None:
-            self.meant.records[id(fields)] = fields, syntax
+        if self.meanings is not None:
+            self.meanings.records[id(fields)] = fields, syntax
 
     # ------------------------------------------------------------ entering
 
@@ -199,7 +199,7 @@ class Names:
             if first is None:
                 scope.entries[name] = Entry(decl, scope, KINDS[type(decl).__name__])
             else:
-                self.report_two_of_one_name(name, decl.name.span, first.decl.name.span)
+                self.report_duplicate(name, decl.name.span, first.decl.name.span)
         return scope
 
     def _report_import_and_declaration(self, scope: FileScope, name: str) -> None:
@@ -213,9 +213,7 @@ class Names:
             helps=("import the file under another name",),
         )
 
-    def report_two_of_one_name(
-        self, name: str, again: Span, first: Span, kind_word: str = ""
-    ) -> None:
+    def report_duplicate(self, name: str, again: Span, first: Span, kind_word: str = "") -> None:
         """Reports N002, one name for two things; `kind_word` says which kind of things."""
         kind = f"{kind_word} " if kind_word else ""
         self.diagnostics.error(
@@ -226,21 +224,21 @@ class Names:
             also=((first, "first declared here"),),
         )
 
-    def is_first(self, name: tree.Name, seen: dict[str, Span], kind: str = "") -> bool:
-        """Whether `name` is not in `seen`, which it is entered in; reports N002 if it is there."""
+    def enter_if_new(self, name: tree.Name, seen: dict[str, Span], kind: str = "") -> bool:
+        """Enters `name` in `seen`; gives False and reports N002 if it was there before."""
         first = seen.setdefault(name.text, name.span)
         if first is not name.span:
-            self.report_two_of_one_name(name.text, name.span, first, kind)
+            self.report_duplicate(name.text, name.span, first, kind)
         return first is name.span
 
-    def report_twice(self, message: str, again: Span, first: Span) -> None:
-        """Reports N002 for a clause that may stand once, at both places."""
+    def report_repeated(self, message: str, again: Span, first: Span) -> None:
+        """Reports N002, with both places, for a clause that may be written only once."""
         self.diagnostics.error("N002", message, again, "again", also=((first, "the first time"),))
 
     # ------------------------------------------------------------ looking up
 
-    def find(self, scope: FileScope, name: str, span: Span | None = None) -> Entry | None:
-        """Gives the entry that a bare name (at `span`) means in a file, marked as used; or None."""
+    def find_entry(self, scope: FileScope, name: str, span: Span | None = None) -> Entry | None:
+        """Gives the entry that an unqualified name means in a file, marked as used; or None."""
         entry = scope.entries.get(name) or self.prelude.get(name)
         if entry is not None:
             entry.used = True
@@ -262,7 +260,7 @@ class Names:
         if ref.qualifier is not None:
             return self.find_in_import(scope, ref.qualifier, ref.name, wanted)
         name = ref.name.text
-        entry = self.find(scope, name, ref.name.span)
+        entry = self.find_entry(scope, name, ref.name.span)
         if entry is None and (id(scope), name) in self._missing:
             self.losses += 1
         elif entry is None:
@@ -299,20 +297,20 @@ class Names:
         self.note_meaning(name.span, entry)
         return entry
 
-    # ------------------------------------------------------------ what to say
+    # ------------------------------------------------------------ reports and helps
 
     @staticmethod
     def _own_file_help(scope: FileScope, qualifier: tree.Name, name: tree.Name) -> tuple[Help, ...]:
         """Gives a help for `lib.name` if this file declares the name."""
         if name.text not in scope.entries:
             return ()
-        whole = qualifier.span.to(name.span)
-        return (replace(whole, name.text, f"this file declares it: `{name.text}`"),)
+        span = qualifier.span.to(name.span)
+        return (replace(span, name.text, f"this file declares it: `{name.text}`"),)
 
     def _report_library(
         self, scope: FileScope, qualifier: tree.Name, name: tree.Name, wanted: str
     ) -> bool:
-        """Reports N006 for `math.sin` and the like, which the prelude has; False for others."""
+        """Reports N006 for a name like `math.sin` that the prelude has; gives False for others."""
         helps = unknown_names.library_helps(qualifier, name, wanted)
         if helps is None or qualifier.text in scope.entries or qualifier.text in scope.broken:
             return False
@@ -361,7 +359,7 @@ class Names:
         if meant is not None:
             self.diagnostics.error(
                 "N006",
-                f"`{name}` is {meant.what}, not an imported file",
+                f"`{name}` is {meant.subject}, not an imported file",
                 qualifier.span,
                 also=((meant.span, "declared here"),),
                 helps=self._own_file_help(scope, qualifier, member) or (meant.help,),
@@ -409,19 +407,19 @@ class Names:
             elsewhere = () if also else tuple(unknown_names.meanings(decls, name))
             meant = next((m for m in elsewhere if not m.weak), None)
             if meant is not None:
-                also, helps = ((meant.span, meant.what),), helps or (meant.help,)
+                also, helps = ((meant.span, meant.subject),), helps or (meant.help,)
             if not helps:
                 near = among or chain(more, _names_of_kind(scope, kind, value=bool(where)))
-                guesses = self._guesses(scope, name, span, kind, near, anything=among is None)
+                guesses = self._guessed_helps(scope, name, span, kind, near, anything=among is None)
                 helps = next(filter(None, guesses), otherwise)
             if not helps and elsewhere:
-                also, helps = ((elsewhere[0].span, elsewhere[0].what),), (elsewhere[0].help,)
-            helps = helps or _missing_declaration(decls, kind, name)
+                also, helps = ((elsewhere[0].span, elsewhere[0].subject),), (elsewhere[0].help,)
+            helps = helps or _help_to_declare(decls, kind, name)
         self.diagnostics.error(
             "N001", f"unknown {kind} `{name}`", span, "not declared", also=also, helps=helps
         )
 
-    def _guesses(
+    def _guessed_helps(
         self,
         scope: FileScope,
         name: str,
@@ -457,7 +455,7 @@ class Names:
         return ()
 
     def is_first_miss(self, scope: FileScope, name: str, where: str) -> bool:
-        """Whether a missing name is used at a place for the first time; later uses are losses."""
+        """Whether this is the first use of a missing name at a place; counts others as losses."""
         key = (id(scope), name, where)
         if key in self._missing:
             self.losses += 1

@@ -63,16 +63,16 @@ class StmtChecker(CheckerPart):
         frame = context.locals[-1]
         first = frame.get(name.text)
         if first is not None:
-            self.shared.names.report_two_of_one_name(name.text, name.span, first.span)
+            self.shared.names.report_duplicate(name.text, name.span, first.span)
             first.used = True
         variable = typed.Variable(name.text, t, kind, name.span)
         self.shared.names.note_meaning(name.span, variable)
         frame[name.text] = variable
         if kind in ("let", "var"):
-            self._warn_shadow(name, context.node, context)
+            self._warn_of_shadowing(name, context.node, context)
         return variable
 
-    def _warn_shadow(
+    def _warn_of_shadowing(
         self, name: tree.Name, node: typed.NodeSymbol | None, context: Context
     ) -> None:
         """Warns W017 of a local named like a constant, or like a topic that the node reads."""
@@ -229,7 +229,7 @@ class StmtChecker(CheckerPart):
         self, base: tree.NameExpr, steps: list[tree.FieldExpr | tree.IndexExpr], context: Context
     ) -> None:
         name = base.name.text
-        entry = self.shared.names.find(context.scope, name, base.span)
+        entry = self.shared.names.find_entry(context.scope, name, base.span)
         if entry is None and name in (*BUILTIN_FUNCTIONS, *SPECIALS):
             why = "built in" if name in BUILTIN_FUNCTIONS else "read only"
             self.diagnostics.error(
@@ -238,9 +238,9 @@ class StmtChecker(CheckerPart):
             return
         if entry is None:
             helps: tuple[Help, ...] = ()
-            otherwise = () if steps else unknown_names.declaration_help(base.name)
+            otherwise = () if steps else unknown_names.help_to_declare(base.name)
             if steps and isinstance(steps[-1], tree.FieldExpr):
-                helps = unknown_names.bare_name_helps(base.name, steps[-1].field)
+                helps = unknown_names.helps_for_foreign_qualifier(base.name, steps[-1].field)
             self.expressions.report_unknown(base.name, context, helps=helps, otherwise=otherwise)
             return
         if self.shared.resolve(entry, base.span) is None:
@@ -304,7 +304,7 @@ class StmtChecker(CheckerPart):
     # ------------------------------------------------------------ publish, return, loops
 
     def _check_publish(self, s: tree.PublishStmt, context: Context) -> typed.TypedStmt | None:
-        topic = self.shared.topic_ref(s.topic, context.scope)
+        topic = self.shared.topic_of_ref(s.topic, context.scope)
         because = (topic.span, f"topic `{topic.name}` is `{topic.type}`") if topic else None
         value = self.expressions.check(s.value, context, topic.type if topic else None, because)
         if topic is None:
@@ -356,7 +356,7 @@ class StmtChecker(CheckerPart):
         return typed.TypedReturn(s.span, value)
 
     def _loop_bound(self, expr: tree.SyntaxExpr, context: Context) -> int | None:
-        value = self.shared.constant(
+        value = self.shared.const_value(
             expr, context.scope, INT, "the bound of a loop", context, "T007"
         )
         return value if isinstance(value, int) else None

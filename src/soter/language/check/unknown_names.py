@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, TypeGuard
 from soter.diagnostics.diagnostic import Edit, Fix, Span
 from soter.diagnostics.fixes import insert, replace
 from soter.language.syntax import tree
-from soter.language.syntax.their_words import THEIRS, helps_for
+from soter.language.syntax.their_words import THEIRS, helps_for_word
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -35,14 +35,14 @@ def type_helps(name: str, span: Span) -> tuple[Help, ...]:
     if name.lower() in _TYPES:
         return (replace(span, name.lower()),)
     first = THEIRS.get(name, "").split(" ")[0]
-    return helps_for(name, span) if first in (*_TYPES, "type", "fun") else ()
+    return helps_for_word(name, span) if first in (*_TYPES, "type", "fun") else ()
 
 
 def value_helps(declared: Iterable[tree.Decl], name: str, span: Span) -> tuple[Help, ...]:
     """Gives helps for a value of another language, or an enum member without its enum."""
     ours = THEIRS.get(name, "")
     if ours in ("true", "false") or ours.startswith("var ") or "." in ours:
-        return helps_for(name, span)
+        return helps_for_word(name, span)
     owners = [
         f"{decl.name.text}.{name}"
         for decl in declared
@@ -82,14 +82,14 @@ def range_helps(call: tree.SyntaxExpr) -> tuple[Help, ...]:
 
 def library_helps(qualifier: tree.Name, name: tree.Name, wanted: str) -> tuple[Help, ...] | None:
     """Gives helps for `math.sin` and `std_msgs.Bool`; None if `qualifier` may be a user's file."""
-    whole = qualifier.span.to(name.span)
+    span = qualifier.span.to(name.span)
     if wanted == "type" and qualifier.text.endswith("_msgs"):
-        return type_helps(name.text, whole) or (
+        return type_helps(name.text, span) or (
             "declare its fields: `type Name = { x: float, y: float };`",
         )
     if not is_library(qualifier.text):
         return None
-    return type_helps(name.text, whole) or (replace(whole, THEIRS.get(name.text, name.text)),)
+    return type_helps(name.text, span) or (replace(span, THEIRS.get(name.text, name.text)),)
 
 
 def is_library(name: str) -> bool:
@@ -97,8 +97,8 @@ def is_library(name: str) -> bool:
     return THEIRS.get(f"{name}.") == ""
 
 
-def bare_name_helps(name: tree.Name, field: tree.Name) -> tuple[Help, ...]:
-    """Gives helps for `self.last` and `math.pi`: the name alone, or its value."""
+def helps_for_foreign_qualifier(name: tree.Name, field: tree.Name) -> tuple[Help, ...]:
+    """Gives helps for `self.last` and `math.pi`: the name after the dot, or its value."""
     if is_library(name.text):
         return library_helps(name, field, "name") or ()
     if name.text not in OF_AN_OBJECT:
@@ -107,8 +107,8 @@ def bare_name_helps(name: tree.Name, field: tree.Name) -> tuple[Help, ...]:
     return (Fix(f"write `{field.text}`", (Edit(span, ""),)),)
 
 
-def declaration_help(name: tree.Name) -> tuple[Help, ...]:
-    """Gives help for an assignment to an unknown name: an edit that declares it."""
+def help_to_declare(name: tree.Name) -> tuple[Help, ...]:
+    """Gives an edit that declares the unknown name to which the program assigns."""
     return (insert(name.span, "let ", f"declare it: `let {name.text} = ...;`"),)
 
 
@@ -116,7 +116,7 @@ _DECLARATION = re.compile(r"^(?:extern|node|plant|rta|system|test|type|fun|topic
 
 
 def listing_fix(word: str, name: str, owner: Span) -> Fix:
-    """The edit that adds `name` to the list after `word` in the node or plant named at `owner`.
+    """Gives the edit that adds `name` to the list after `word` in the node or plant at `owner`.
 
     `word` is `subscribes`, `publishes` or `reads`; where the body has none, it gets one.
     """
@@ -137,7 +137,7 @@ def _item_match(word: str, owner: Span) -> re.Match[str] | None:
     return re.compile(rf"\b{word}\b[^;{{}}]*(?=;)").search(text, owner.end, end)
 
 
-def publishes_place(name: str, owner: Span) -> Span | None:
+def place_of_publication(name: str, owner: Span) -> Span | None:
     """Gives the place at which the node named at `owner` publishes `name`; None if it does not."""
     item = _item_match("publishes", owner)
     word = item and re.compile(rf"\b{re.escape(name)}\b").search(
@@ -179,9 +179,9 @@ SHOWN = 3
 
 @dataclass(frozen=True)
 class Meaning:
-    """The meaning of a name in another scope: in words, where it is declared, and a help."""
+    """The meaning of a name in another scope: what it is, where it is declared, and a help."""
 
-    what: str
+    subject: str
     span: Span
     help: str
     weak: bool = False
@@ -230,13 +230,13 @@ def _plant_meanings(plant: tree.PlantDecl, name: str) -> Iterator[Meaning]:
     owner = f"of plant `{plant.name.text}`"
     for state in plant.states:
         if state.name.text == name:
-            driven = topic_driven_by(plant, name)
+            driven = topic_driven_by_state(plant, name)
             seen = [t.text for t, value in plant.drives if _mentions_name(value, name)]
             how = "only its plant sees it"
             if driven:
                 how = f"what is measured of it is `{driven}`"
             elif seen:
-                how = f"only its plant sees it; what it drives of it is {listed(seen)}"
+                how = f"only its plant sees it; what it drives of it is {quoted_names(seen)}"
             yield Meaning(f"a state {owner}", state.name.span, how)
     for disturbance in plant.disturbances:
         if disturbance.name.text == name:
@@ -271,13 +271,13 @@ def _declarations_in(part: object) -> Iterator[tree.LetStmt | tree.VarStmt]:
 def _help_for_instance(decls: Iterable[tree.Decl], item: tree.Instance) -> str:
     decl = next((d for d in decls if d.name.text == item.what.text), None)
     if isinstance(decl, tree.PlantDecl):
-        topics = listed([topic.text for topic, _ in decl.drives])
+        topics = quoted_names([topic.text for topic, _ in decl.drives])
         return f"only properties of its system see `{item.name.text}.truth`; others read {topics}"
     return "only its system sees it"
 
 
-def topic_driven_by(plant: tree.PlantDecl, state: str) -> str:
-    """Gives the topic, or its field, that a plant drives with a state itself; "" if none."""
+def topic_driven_by_state(plant: tree.PlantDecl, state: str) -> str:
+    """Gives the topic, or its field, to which a plant drives the bare state; "" if none."""
     for topic, value in plant.drives:
         if isinstance(value, tree.NameExpr) and value.name.text == state:
             return topic.text
@@ -290,7 +290,7 @@ def topic_driven_by(plant: tree.PlantDecl, state: str) -> str:
 def topic_of_truth(
     decls: Iterable[tree.Decl], names: list[tree.Name]
 ) -> tuple[str, tree.Decl] | None:
-    """Gives the topic that tells what `c.truth`, `c.x` or `Cart.truth` mean, and its plant."""
+    """Gives the topic that publishes the state `c.truth`, `c.x` or `Cart.truth`, and its plant."""
     plant = _plant_named({d.name.text: d for d in decls}, names[0].text)
     if plant is None or not plant.drives:
         return None
@@ -299,15 +299,15 @@ def topic_of_truth(
         parts.pop(0)
     if parts:
         state, bracket, index = parts[0].partition("[")
-        driven = topic_driven_by(plant, state.rstrip())
+        driven = topic_driven_by_state(plant, state.rstrip())
         return (".".join([driven + bracket + index, *parts[1:]]), plant) if driven else None
     topic, value = plant.drives[0]
     states = {s.name.text for s in plant.states}
-    whole = (
+    tells_all = (
         isinstance(value, tree.RecordExpr)
         and {n.text for n, part in value.fields if isinstance(part, tree.NameExpr)} == states
     )
-    return (topic.text, plant) if whole else None
+    return (topic.text, plant) if tells_all else None
 
 
 def _plant_named(declared: dict[str, tree.Decl], name: str) -> tree.PlantDecl | None:
@@ -315,8 +315,8 @@ def _plant_named(declared: dict[str, tree.Decl], name: str) -> tree.PlantDecl | 
     found = declared.get(name)
     for system in declared.values():
         if found is None and isinstance(system, tree.SystemDecl):
-            of = (i.what.text for i in system.instances if _is_instance_named(i, name))
-            found = declared.get(next(of, ""))
+            names = (i.what.text for i in system.instances if _is_instance_named(i, name))
+            found = declared.get(next(names, ""))
     return found if isinstance(found, tree.PlantDecl) else None
 
 
@@ -342,43 +342,43 @@ def helps_for_other_kind(
     """
     declared = tuple(decls)
     if wanted == "topic":
-        return _topics_help(declared, decl)
+        return _help_with_topics(declared, decl)
     if wanted == "type" and isinstance(decl, tree.TopicDecl):
         return (replace(span, decl.type.span.text, f"its type is `{decl.type.span.text}`"),)
     if wanted == "node":
-        return _nodes_help(declared, decl)
+        return _help_with_nodes(declared, decl)
     if wanted == "plant":
         plants = [d.name.text for d in declared if isinstance(d, tree.PlantDecl)]
-        return _names_help("plants are", plants)
+        return _help_with_names("plants are", plants)
     if wanted == "module" and isinstance(decl, tree.NodeDecl):
         name = decl.name.text
         modules = [d for d in declared if isinstance(d, tree.RtaDecl)]
-        of = [d.name.text for d in modules if name in _node_names(d)]
-        return _names_help("it is a node of", of)
+        owners = [d.name.text for d in modules if name in _node_names(d)]
+        return _help_with_names("it is a node of", owners)
     if wanted == "value" and isinstance(decl, (tree.NodeDecl, tree.PlantDecl)):
-        return _topics_help(declared, decl)
+        return _help_with_topics(declared, decl)
     if wanted == "parameter" and isinstance(decl, tree.ConstDecl):
         return ("declare it with `param`",)
     return ()
 
 
-def _names_help(label: str, names: list[str], then: str = "") -> tuple[Help, ...]:
+def _help_with_names(label: str, names: list[str], then: str = "") -> tuple[Help, ...]:
     """Gives a help with a sentence about names; () if there are none."""
-    return (f"{label} {listed(names)}{then}",) if names else ()
+    return (f"{label} {quoted_names(names)}{then}",) if names else ()
 
 
-def _nodes_help(decls: tuple[tree.Decl, ...], decl: tree.Decl) -> tuple[Help, ...]:
+def _help_with_nodes(decls: tuple[tree.Decl, ...], decl: tree.Decl) -> tuple[Help, ...]:
     """Gives a help with the nodes of a topic or module, or with all nodes, as one sentence."""
     known = [d for d in decls if isinstance(d, tree.NodeDecl)]
     if isinstance(decl, tree.TopicDecl):
         by = [d.name.text for d in known if decl.name.text in _published_names(d)]
-        return _names_help("it is published by", by)
+        return _help_with_names("it is published by", by)
     if isinstance(decl, tree.RtaDecl):
-        return _names_help("its nodes are", _node_names(decl))
-    return _names_help("nodes are", [d.name.text for d in known])
+        return _help_with_names("its nodes are", _node_names(decl))
+    return _help_with_names("nodes are", [d.name.text for d in known])
 
 
-def _topics_help(decls: tuple[tree.Decl, ...], decl: tree.Decl) -> tuple[Help, ...]:
+def _help_with_topics(decls: tuple[tree.Decl, ...], decl: tree.Decl) -> tuple[Help, ...]:
     """Gives a help with the topics of a node, plant, module or type, as one sentence."""
     if isinstance(decl, tree.NodeDecl):
         topics, verb = _published_names(decl), "publishes"
@@ -389,16 +389,16 @@ def _topics_help(decls: tuple[tree.Decl, ...], decl: tree.Decl) -> tuple[Help, .
         nodes = [d for d in decls if isinstance(d, tree.NodeDecl) and d.name.text in inside]
         topics, verb = [t for d in nodes for t in _published_names(d)], "publishes"
     elif isinstance(decl, tree.TypeDecl):
-        of = [d for d in decls if isinstance(d, tree.TopicDecl)]
-        topics = [d.name.text for d in of if d.type.span.text == decl.name.text]
-        return _names_help("topics of this type are", topics)
+        declared = [d for d in decls if isinstance(d, tree.TopicDecl)]
+        topics = [d.name.text for d in declared if d.type.span.text == decl.name.text]
+        return _help_with_names("topics of this type are", topics)
     else:
         return ()
-    return _names_help(f"it {verb}", list(dict.fromkeys(topics)), ": name the topic")
+    return _help_with_names(f"it {verb}", list(dict.fromkeys(topics)), ": name the topic")
 
 
 def whole_topic_helps(decls: Iterable[tree.Decl], topic: tree.Decl, part: Span) -> tuple[Help, ...]:
-    """Helps for `pose.x` (at `part`) where a topic is needed: all of the record, or `pose`."""
+    """Gives helps for `pose.x` at `part` where a topic is needed: all of the record, or `pose`."""
     assigned = part.source.text[part.end :].lstrip().startswith("=")
     if not assigned or not isinstance(topic, tree.TopicDecl):
         return (replace(part, topic.name.text),)
@@ -409,7 +409,7 @@ def whole_topic_helps(decls: Iterable[tree.Decl], topic: tree.Decl, part: Span) 
     return (f"give all of its fields at once: `{topic.name.text} = {{ {fields_} }}`",)
 
 
-def is_driven(decls: Iterable[tree.Decl], topic: str) -> bool:
+def is_published_or_driven(decls: Iterable[tree.Decl], topic: str) -> bool:
     """Whether a node publishes a topic of this name, or a plant drives it."""
     return any(
         (isinstance(d, tree.NodeDecl) and topic in _published_names(d))
@@ -427,7 +427,7 @@ def _node_names(module: tree.RtaDecl) -> list[str]:
     return list(dict.fromkeys(p.text for p in parts if isinstance(p, tree.Ref)))
 
 
-def listed(names: list[str]) -> str:
+def quoted_names(names: list[str]) -> str:
     """Gives the first few names in backticks: `a`, `b`."""
     shown = ", ".join(f"`{n}`" for n in names[:SHOWN])
     return shown + (" and others" if len(names) > SHOWN else "")

@@ -13,8 +13,8 @@ import re
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Edit, Fix, Span
-from soter.diagnostics.fixes import insert, out_of_list, whole_lines
-from soter.language.check.unknown_names import publishes_place
+from soter.diagnostics.fixes import insert, remove_from_list, whole_lines
+from soter.language.check.unknown_names import place_of_publication
 from soter.language.elaborate.wellformed import check_external_topics
 from soter.language.model.tree_walk import nodes, topic_reads
 from soter.language.model.typed import TypedPublish
@@ -37,19 +37,21 @@ _CAPITALS = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
 
 
 def driver_fixes(program: TypedProgram, system: SystemSymbol, topic: Topic) -> tuple[Help, ...]:
-    """Gives edits that add an instance which drives a system's topic; () for parts' topics."""
+    """Gives edits that add an instance which drives a topic of the system, not of a sub-system."""
     if topic.name != topic.symbol.name:
         return ()
-    declarations = itertools.islice(_drivers(program, system, topic.symbol), SHOWN)
+    declarations = itertools.islice(_items_that_drive(program, system, topic.symbol), SHOWN)
     return tuple(fix_that_adds(system, item) for item in declarations)
 
 
-def _drivers(program: TypedProgram, system: SystemSymbol, topic: TopicSymbol) -> Iterator[str]:
-    """Yields items to add: declarations that would drive a topic and are not in the system."""
+def _items_that_drive(
+    program: TypedProgram, system: SystemSymbol, topic: TopicSymbol
+) -> Iterator[str]:
+    """Yields the text of each item that would add to the system a declared driver of a topic."""
     taken = {i.name for i in system.instances}
     present: set[object] = {i.what for i in system.instances}
     modules = program.modules.values()
-    present |= {node for m in modules for node in m.named}
+    present |= {node for m in modules for node in m.named_nodes}
     for name, plant in program.plants.items():
         if plant not in present and any(t is topic for t, _ in plant.drives):
             yield f"{_free_instance_name(name, taken)}: {name};"
@@ -70,7 +72,7 @@ def _free_instance_name(name: str, taken: set[str]) -> str:
 
 
 def fix_that_adds(system: SystemSymbol, item: str) -> Fix:
-    """Gives the edit that puts an item in front of all others of a system."""
+    """Gives the edit that writes an item in front of all others of a system."""
     text = system.span.source.text
     opener = text.find("{", system.span.end) + 1
     at = Span(system.span.source, opener, opener)
@@ -95,8 +97,8 @@ def fix_that_makes_input(program: TypedProgram, symbol: TopicSymbol) -> tuple[He
 class Composition:
     """Checks one flat system.
 
-    `partial`: parts are missing that were reported, so that absence is no error; `draft`: the file
-    declares no system, and this is what it would run as.
+    `partial` says that errors in parts were reported, so that a missing part is no new error.
+    `draft` says that the file declares no system, and that this one stands for the whole file.
     """
 
     def __init__(
@@ -118,11 +120,11 @@ class Composition:
         self.read: set[int] = set()
 
     def check_all_rules(self, property_reads: list[tuple[int, Span]]) -> None:
-        """Checks all rules; also enters the driver of every topic."""
+        """Checks all rules of composition, and sets the driver of every topic."""
         self._require_distinct_names()
         beside = self._nodes_beside_modules()
         self._check_takeovers(beside)
-        drivers = self._drivers(beside)
+        drivers = self._drivers_by_topic(beside)
         for index, topic_drivers in drivers.items():
             driven_topic = self.system.topics[index]
             driven_topic.driver = topic_drivers[0][0]
@@ -153,7 +155,7 @@ class Composition:
     # ------------------------------------------------------------ drivers
 
     def _nodes_beside_modules(self) -> set[Component]:
-        """Gives nodes that a system names though a module of it has them; reports M004."""
+        """Gives the nodes that a system names besides a module that has them; reports M004."""
         beside: dict[Component, tuple[str, Module]] = {}
         for c in self.system.components:
             if c.role != "node" or c.node is None or c.stands_for is not None or self.draft:
@@ -177,10 +179,10 @@ class Composition:
             )
         return set(beside)
 
-    def _check_takeovers(self, without: set[Component]) -> None:
+    def _check_takeovers(self, beside: set[Component]) -> None:
         """Reports M015 for `on takeover` in nodes that are no controllers of a module."""
         for c in self.system.components:
-            if c.role != "node" or c.node is None or c in without or self.draft:
+            if c.role != "node" or c.node is None or c in beside or self.draft:
                 continue
             if c.node.takeover is not None:
                 self.diagnostics.error(
@@ -192,11 +194,11 @@ class Composition:
                     helps=("leave the block out, or make the node the AC or SC of a module",),
                 )
 
-    def _drivers(self, without: set[Component]) -> dict[int, list[tuple[str, Span]]]:
-        """Topic -> its publishers: full name with kind, and place in the system."""
+    def _drivers_by_topic(self, beside: set[Component]) -> dict[int, list[tuple[str, Span]]]:
+        """Gives topic -> its publishers, each with its kind and full name, and its place."""
         drivers_by_topic: dict[int, list[tuple[str, Span]]] = {}
         for c in self.system.components:
-            if c in without:
+            if c in beside:
                 continue
             stands_for = c.stands_for
             name = f"{stands_for.kind} `{stands_for.of}`" if stands_for else f"{c.role} `{c.name}`"
@@ -207,22 +209,22 @@ class Composition:
                     drivers.append(who)
         for m in self.system.modules:
             span = self.system.components[m.dm].span
-            both = set(m.symbol.ac.publishes)  # P1b reports the others
-            own = zip(m.symbol.sc.publishes, m.outputs, strict=True)
-            for index in (i for t, i in own if t in both):
+            outputs_of_ac = set(m.symbol.ac.publishes)  # P1b reports the others
+            outputs_by_symbol = zip(m.symbol.sc.publishes, m.outputs, strict=True)
+            for index in (i for t, i in outputs_by_symbol if t in outputs_of_ac):
                 drivers_by_topic.setdefault(index, []).append((f"module `{m.name}`", span))
         return drivers_by_topic
 
     def _report_two_drivers(self, topic: Topic, drivers: list[tuple[str, Span]]) -> None:
         if self.draft and self.partial:
-            return  # a module that was not read may own one of them
+            return  # a module that was not read may outputs_by_symbol one of them
         second, first = drivers[1], drivers[0]
         if second[0].startswith("module") and not first[0].startswith("module"):
             second, first = first, second  # report the node beside the module, not the module
         inner = topic.symbol.name.rpartition(".")[2]
         both_modules = first != second and all(who.startswith("module") for who, _ in drivers)
         by = f"by {first[0]} and {second[0]}" if first != second else f"twice by {first[0]}"
-        listed, unused = self._place_listed(topic, second[1])
+        listed, unused = self._listing_and_fix(topic, second[1])
         others = [(span, who) for who, span in drivers[2:DRIVERS_SHOWN]]
         self._report_error(
             "M004",
@@ -244,20 +246,20 @@ class Composition:
             ),
         )
 
-    def _place_listed(self, topic: Topic, place: Span) -> tuple[Span | None, tuple[Help, ...]]:
-        """Gives where the node at `place` lists `topic`, and an edit if it never publishes it."""
+    def _listing_and_fix(self, topic: Topic, place: Span) -> tuple[Span | None, tuple[Help, ...]]:
+        """Gives where the node at `place` lists `topic`; and an edit, if it never publishes it."""
         for c in self.system.components:
             if c.span is not place or c.role != "node" or c.node is None or c.stands_for:
                 continue
             for t in c.node.publishes:
-                listed = publishes_place(t.name.rpartition(".")[2], c.node.span)
+                listed = place_of_publication(t.name.rpartition(".")[2], c.node.span)
                 if self.system.topics[c.scope.topics[t]] is not topic or listed is None:
                     continue
                 published = {n.topic for n in nodes(c.node.step) if isinstance(n, TypedPublish)}
                 if c.node.extern or t in published:
                     return listed, ()
                 title = f"leave it out there: `{c.name}` never publishes it"
-                return listed, (out_of_list(listed, title),)
+                return listed, (remove_from_list(listed, title),)
         return None, ()
 
     def _report_error(
@@ -271,10 +273,7 @@ class Composition:
         note: str,
         helps: tuple[Help, ...],
     ) -> None:
-        """Reports an error; in a draft with a note about files that others import.
-
-        In a draft with other errors it reports nothing, as it is not certain what would run.
-        """
+        """Reports an error; in a draft with a note, and only if the draft has no other errors."""
         if self.draft and self.had_errors:
             return
         notes = (note,) if note else ()
@@ -325,7 +324,7 @@ class Composition:
                 index = c.scope.topics[symbol]
                 inner = reads.get(index)
                 if inner is None or inner is symbol:
-                    continue  # the node's own check reports the latter
+                    continue  # the node's outputs_by_symbol check reports the latter
                 self.diagnostics.error(
                     "M001",
                     f"by its wires node `{c.name}` both subscribes to and publishes "
@@ -340,7 +339,7 @@ class Composition:
     # ------------------------------------------------------------ acknowledgements
 
     def _check_acknowledgements(self, drivers: dict[int, list[tuple[str, Span]]]) -> None:
-        """Reports M028 if a node or module could acknowledge, or one press could count twice."""
+        """Reports M028 if a node or module acknowledges, or one acknowledgement counts twice."""
         first_by_topic: dict[int, Module] = {}
         for module in self.system.modules:
             latch = module.symbol.latch

@@ -1,7 +1,7 @@
-"""Makes systems from systems: parts left out, replaced, or answered from outside.
+"""Makes systems from systems: with parts left out or replaced, or run outside of Soter.
 
 Purpose: the one place that takes a flat system apart. Proofs, attacks, environments, tests and
-targets need a system without its plants, with another node, or with nodes answered from outside;
+targets need a system without its plants, with another node, or with nodes as unbound externs;
 each such change is a function here that returns a new system and leaves the given one as it is.
 Non-goals: what the text says (`flatten_system.py`), where a `replace` of a system or a test is
 judged (`replace_parts.py`); the re-checker derives its own systems, on purpose.
@@ -41,7 +41,7 @@ OUTSIDE = "input"
 # ---------------------------------------------------------------- parts left out
 
 
-def only(system: System, kept: Collection[int]) -> System:
+def with_only(system: System, kept: Collection[int]) -> System:
     """Gives the system of these components (indices), in their order, numbered anew.
 
     `kept` has all three parts of a module or none. Properties remain that read only what remains;
@@ -53,22 +53,24 @@ def only(system: System, kept: Collection[int]) -> System:
     modules = [m for m in system.modules if {m.dm, m.ac, m.sc} <= at.keys()]
     placed = {m.index: i for i, m in enumerate(modules)}
 
-    def scoped(scope: Scope) -> Scope:
+    def renumbered(scope: Scope) -> Scope:
         plants = {n: at[i] for n, i in scope.plants.items() if i in at}
         beside = {m: placed[i] for m, i in scope.modules.items() if i in placed}
         return Scope(dict(scope.topics), scope.params, plants, beside)
 
-    def index_in(place: Mapping[int, int], index: int | None) -> int | None:
+    def new_index(place: Mapping[int, int], index: int | None) -> int | None:
         return None if index is None else place[index]
 
     components = [
-        _runnable(replace(c, index=new, module=index_in(placed, c.module), scope=scoped(c.scope)))
+        _as_runnable(
+            replace(c, index=new, module=new_index(placed, c.module), scope=renumbered(c.scope))
+        )
         for old, new in at.items()
         for c in (system.components[old],)
     ]
-    left = [p for p in system.properties if _can_be_judged(p, at, placed)]
+    left = [p for p in system.properties if _reads_only_remaining(p, at, placed)]
     faults = [
-        replace(f, component=at[f.component], on=index_in(at, f.on))
+        replace(f, component=at[f.component], on=new_index(at, f.on))
         for f in system.faults
         if f.component in at and (f.on is None or f.on in at)
     ]
@@ -76,11 +78,11 @@ def only(system: System, kept: Collection[int]) -> System:
         system,
         components=tuple(components),
         modules=tuple(
-            replace(m, index=i, dm=at[m.dm], ac=at[m.ac], sc=at[m.sc], scope=scoped(m.scope))
+            replace(m, index=i, dm=at[m.dm], ac=at[m.ac], sc=at[m.sc], scope=renumbered(m.scope))
             for i, m in enumerate(modules)
         ),
         properties=tuple(
-            replace(p, index=i, scope=scoped(p.scope), component=index_in(at, p.component))
+            replace(p, index=i, scope=renumbered(p.scope), component=new_index(at, p.component))
             for i, p in enumerate(left)
         ),
         faults=tuple(faults),
@@ -89,18 +91,18 @@ def only(system: System, kept: Collection[int]) -> System:
     )
 
 
-def undriven(system: System, kept: Collection[int]) -> System:
+def bare_system(system: System, kept: Collection[int]) -> System:
     """Gives the system of these components (indices), without properties, draws and `until`."""
-    return replace(only(system, kept), properties=(), inputs=(), measures=(), until_ns=None)
+    return replace(with_only(system, kept), properties=(), inputs=(), measures=(), until_ns=None)
 
 
 def module_alone(system: System, module: Module, plants: Sequence[Component] = ()) -> System:
-    """The module, as `modules[0]`, and these plants, without properties, draws and `until`."""
+    """Gives the system of one module and these plants, without properties, draws and `until`."""
     kept = [c.index for c in plants]
-    return undriven(system, [*kept, module.dm, module.sc, module.ac])
+    return bare_system(system, [*kept, module.dm, module.sc, module.ac])
 
 
-def with_plants(flat: System, module: Module, plants: Sequence[typed.InstanceSymbol]) -> System:
+def proof_system(flat: System, module: Module, plants: Sequence[typed.InstanceSymbol]) -> System:
     """Gives a system of a module of `flat` and the plants of its proof, with the values of `flat`.
 
     Topics are those that the module sees, and the plants get the parameters of the module. Raises
@@ -127,7 +129,7 @@ def with_plants(flat: System, module: Module, plants: Sequence[typed.InstanceSym
     if system is None or diagnostics.has_errors:
         raise SoterError(diagnostics.items)
     system.params = flat.params
-    return without_held_topics(only(system, range(len(system.components))))
+    return without_held_topics(with_only(system, range(len(system.components))))
 
 
 def settings_of_instances(
@@ -152,20 +154,20 @@ def with_components(system: System, changed: Iterable[Component]) -> System:
 def with_node(
     component: Component, node: typed.NodeSymbol, topics: Mapping[typed.TopicSymbol, int]
 ) -> Component:
-    """The component with another node without locals, which may read and publish `topics` too."""
+    """Gives the component with another node, without locals, whose scope also has `topics`."""
     assert not node.locals
     scope = replace(component.scope, topics={**component.scope.topics, **topics})
     return replace(component, node=node, scope=scope, initial=(), binding=None)
 
 
-def answered_outside(system: System, indices: Collection[int]) -> System:
+def with_unbound_externs(system: System, indices: Collection[int]) -> System:
     """Gives the system with these components (nodes or plants) as externs without a binding."""
     return with_components(system, (_as_extern(system.components[i]) for i in indices))
 
 
 def without_bindings(system: System) -> System:
     """Gives the system without bindings of externs; modules and scopes are copies."""
-    return only(
+    return with_only(
         with_components(system, [replace(c, binding=None) for c in system.components]),
         range(len(system.components)),
     )
@@ -183,7 +185,7 @@ def with_forced_mode(system: System, module: int, who: str) -> System:
 
 
 def systems_by_plan(system: System, module: Module) -> Iterator[tuple[System, Module]]:
-    """Yields, for each of several plans, the system where it alone is SC, and the module."""
+    """Yields the system, and its module, once with each of several plans as the only SC."""
     sc = system.components[module.sc]
     for node in module.symbol.plans if module.plan is not None else ():
         symbol = replace(module.symbol, sc=node, plans=(), plan=None)
@@ -214,9 +216,9 @@ def with_topics(system: System, made: Sequence[Topic]) -> System:
 def with_topic(
     system: System, like: Topic, symbol: typed.TopicSymbol, name: str, **changes: object
 ) -> tuple[System, Topic]:
-    """The system with one more topic, like `like` but for symbol, name and `changes`; the topic.
+    """Gives the system with one more topic, and this topic; `changes` are fields unlike `like`.
 
-    No queue collects it: those of `like` only collect what is published on `like`.
+    The new topic has no queues: the queues of `like` collect what is published on `like` alone.
     """
     taken = {t.name for t in system.topics} | {t.symbol.name for t in system.topics}
     symbol = replace(symbol, name=_unused_name(symbol.name, taken))
@@ -258,7 +260,7 @@ def without_latches(system: System) -> System:
     return replace(system, modules=modules)
 
 
-# ---------------------------------------------------------------- what goes wrong
+# ---------------------------------------------------------------- faults
 
 
 def _hidden_topics(components: Sequence[Component], modules: Sequence[Module]) -> set[int | None]:
@@ -268,7 +270,7 @@ def _hidden_topics(components: Sequence[Component], modules: Sequence[Module]) -
     return ids | {i for s in shields for i in (s.topic, s.proposed)}
 
 
-def _shield_at(shield: Shield, place: dict[int | None, int]) -> Shield:
+def _moved_shield(shield: Shield, place: dict[int | None, int]) -> Shield:
     return replace(shield, topic=place[shield.topic], proposed=place.get(shield.proposed))
 
 
@@ -290,7 +292,7 @@ def faultless(system: System) -> System:
                 looked=place.get(m.looked),
                 latch=place.get(m.latch),
                 plan=place.get(m.plan),
-                shield=m.shield and _shield_at(m.shield, place),
+                shield=m.shield and _moved_shield(m.shield, place),
             )
             for m in system.modules
         ),
@@ -303,7 +305,7 @@ def faultless(system: System) -> System:
 
 
 def without_faults(system: System, gone: Collection[str], *, shuffled: bool) -> System:
-    """Gives the system without these faults (by `Fault.text`); `shuffled`: in a drawn order."""
+    """Gives the system without the faults whose `text` is in `gone`; `shuffled`: random order."""
     left = [f for f in system.faults if f.text not in gone]
     faults = with_wait_faults(system.modules, left, shuffled=shuffled)
     return replace(system, faults=faults, shuffled=shuffled)
@@ -316,13 +318,13 @@ def without_outside_faults(system: System) -> System:
 
 
 def with_faults(system: System, more: Sequence[Fault], *, shuffled: bool = False) -> System:
-    """Gives the system with more faults; `shuffled`: in a drawn order."""
+    """Gives the system with more faults; with `shuffled` the order of steps is random, too."""
     any_order = system.shuffled or shuffled
     faults = with_wait_faults(system.modules, (*system.faults, *more), shuffled=any_order)
     return replace(system, faults=faults, shuffled=any_order)
 
 
-# ---------------------------------------------------------------- what is asked
+# ---------------------------------------------------------------- properties and tests
 
 
 def with_properties(system: System, properties: Sequence[Property]) -> System:
@@ -335,11 +337,11 @@ def with_test(system: System, plan: TestPlan) -> System:
     return replace(system, test=plan)
 
 
-# ---------------------------------------------------------------- shared
+# ---------------------------------------------------------------- helpers
 
 
-def _runnable(c: Component) -> Component:
-    """Gives the component, as an extern if it reads the mode of a module that is not there."""
+def _as_runnable(c: Component) -> Component:
+    """Gives the component; as an extern, if it reads the mode of a module that was left out."""
     if c.node is None or c.node.extern:
         return c
     read = mode_reads(*c.node.step, *(c.node.takeover or ()))
@@ -355,8 +357,8 @@ def _as_extern(c: Component) -> Component:
     return with_node(c, node, {})
 
 
-def _can_be_judged(p: Property, at: Mapping[int, int], placed: Mapping[int, int]) -> bool:
-    """Whether what a property reads remains, and for a contract its component."""
+def _reads_only_remaining(p: Property, at: Mapping[int, int], placed: Mapping[int, int]) -> bool:
+    """Whether the parts and modules that a property reads remain, and a contract's component."""
     seen = [*p.scope.plants.values(), *([] if p.component is None else [p.component])]
     read = mode_reads(p.condition)
     present = {m for m, i in p.scope.modules.items() if i in placed}

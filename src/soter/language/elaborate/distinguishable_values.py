@@ -1,13 +1,13 @@
 """Finds what the code of a test can distinguish.
 
 Purpose: if no step, predicate, contract or property distinguishes two values of a stand-in's topic,
-one of them is enough (docs/testing.md, "Floats, lists, wide ints"): any value of a part
-that nobody reads; for a number that is only compared with constants one at each constant, one
-between two neighbours, and one beyond them. For times it computes into how many parts the grid of a
-test must be cut.
-Non-goals: which values are published (`passes/stand_ins.py`), what is put into a local,
-an argument or a calculation, which counts as told apart; thresholds and the greatest common divisor
-(`elaborate/time_grid.py`).
+a test needs to try only one of them (docs/testing.md, "Floats, lists, wide ints"). Of a part that
+nobody reads, it tries any value. Of a number that is only compared with constants, it tries each
+constant, one number between two neighbours, and one beyond them. For times it computes into how
+many parts the grid of a test must be cut.
+Non-goals: which values are published (`passes/stand_ins.py`); following values into a local, an
+argument or a calculation, as all of them count as distinguished; thresholds and the greatest common
+divisor (`elaborate/time_grid.py`).
 
 Why that is enough: times of steps are the nodes of a graph; time zero is one, and stands also for
 steps that cannot be late. A comparison of two times is an edge whose length is a multiple of the
@@ -71,18 +71,18 @@ AT_A_STEP = 2
 
 @dataclass
 class ReadTopic:
-    """What code reads of a topic: parts whose value counts (and where), numbers only compared."""
+    """The reads of a topic: parts read as a whole, with a place, and numbers only compared."""
 
     whole: dict[Path, Span] = field(default_factory=dict)
     compared: dict[Path, set[Comparison]] = field(default_factory=dict)
 
     def place_of_whole_read(self, path: Path) -> Span | None:
-        """Gives the code that reads this part, or one around it, as a whole; None if none does."""
+        """Gives the code that reads this part, or a part around it, as a whole; or None."""
         return next((s for p, s in self.whole.items() if path[: len(p)] == p), None)
 
 
 class Readers:
-    """What the code of a system reads of each topic; `constant` evaluates expressions of constants.
+    """The reads of each topic in the code of a system; `constant` evaluates constant expressions.
 
     `heard` has the topics of which some code can tell whether, or when, they were published.
     """
@@ -111,13 +111,13 @@ class Readers:
                 self._add_whole_read(topic.queue_of, topic.symbol.span)
         self._add_reads_of_contracts([c for c in system.components if c.stands_for is not None])
 
-    def reads_of(self, topic: int) -> ReadTopic:
+    def reads_of_topic(self, topic: int) -> ReadTopic:
         """Gives what code reads of the topic with this index."""
         return self.topics.setdefault(topic, ReadTopic())
 
     def _add_whole_read(self, topic: int, span: Span) -> None:
         self.heard.add(topic)
-        self.reads_of(topic).whole.setdefault((), span)
+        self.reads_of_topic(topic).whole.setdefault((), span)
 
     def _add_reads_of_component(self, c: Component) -> None:
         if c.node is not None and c.stands_for is None:
@@ -145,7 +145,7 @@ class Readers:
                 self._add_reads(c.stands_for.asked, c.scope)
 
     def may_be_observed(self, c: Component) -> bool:
-        """Whether a DM, or code outside of a stand-in, can tell what or when it publishes."""
+        """Whether a DM, or code outside of stand-in `c`, can tell what or when `c` publishes."""
         assert c.node is not None
         outputs = {*c.writes}
         return c.module is not None or bool(outputs & self.heard)
@@ -176,12 +176,12 @@ class Readers:
                 place = self._place_that_is_read(node, scope)
                 if place is not None:
                     self.heard.add(place[0])
-                    self.reads_of(place[0]).whole.setdefault(place[1], node.span)
+                    self.reads_of_topic(place[0]).whole.setdefault(place[1], node.span)
                     continue
             todo += children(node)
 
     def _note_comparison(self, e: typed.TypedBinary, scope: Scope) -> bool:
-        """Notes that `e` compares a number of a topic with a constant; False if `e` does not."""
+        """Notes that `e` compares a number of a topic with a constant; gives False otherwise."""
         if e.op not in _HOLDS or not isinstance(e.left.type, (FloatType, IntType)):
             return False
         for read, other in ((e.left, e.right), (e.right, e.left)):
@@ -193,7 +193,7 @@ class Readers:
                 return False
             self.heard.add(place[0])
             op = e.op if read is e.left else _TURNED[e.op]
-            self.reads_of(place[0]).compared.setdefault(place[1], set()).add((op, value))
+            self.reads_of_topic(place[0]).compared.setdefault(place[1], set()).add((op, value))
             return True
         return False
 
@@ -211,7 +211,7 @@ class Readers:
 def representative_numbers(
     compared: set[Comparison], bound: Bound | None, t: IntType | FloatType, first: Value
 ) -> list[int | float]:
-    """Gives a number for each combination of answers to the comparisons; `first` is one.
+    """Gives one number, `first` for one, for each possible combination of comparisons' results.
 
     All numbers lie in the set `bound`, as `first` does; None stands for a topic without a set.
     """
@@ -227,7 +227,7 @@ def representative_numbers(
     else:
         low, high = bound.low, bound.high
     cuts = sorted({low, high, *(c for c in constants if low <= c <= high)})
-    between = [_between(a, b, t) for a, b in itertools.pairwise(cuts)]
+    between = [_number_between(a, b, t) for a, b in itertools.pairwise(cuts)]
     by_answers: dict[tuple[bool, ...], int | float] = {}
     for number in (first, *cuts, *between):
         answers = tuple(_HOLDS[op](number, c) for op, c in compared)
@@ -235,8 +235,8 @@ def representative_numbers(
     return list(by_answers.values())
 
 
-def _between(a: float, b: float, t: IntType | FloatType) -> float:
-    """Gives a number between two others; the lower of two ints that follow each other."""
+def _number_between(a: float, b: float, t: IntType | FloatType) -> float:
+    """Gives a number between two others; of two neighbouring ints the lower one."""
     if isinstance(t, IntType):
         return (int(a) + int(b)) // 2
     return float((Fraction(a) + Fraction(b)) / 2)
@@ -244,7 +244,7 @@ def _between(a: float, b: float, t: IntType | FloatType) -> float:
 
 @dataclass
 class ReadClocks:
-    """The clocks that one piece of code reads: the step of a `component`, or else a property.
+    """The clocks that one piece of code reads: the step of `component`, or a property if None.
 
     `ages`: topic indices; `now`: whether it reads `time`; `kept`: whether it reads locals with a
     time of an earlier step; `crossed`: whether it compares a clock with another. For a property
@@ -266,8 +266,8 @@ class ReadClocks:
         return len(self.ages) + self.now + self.kept
 
 
-def grid_parts(system: System, watched: Sequence[ReadClocks]) -> int:
-    """Gives how many parts the grid needs: the most strict comparisons in a circle of times."""
+def grid_part_count(system: System, watched: Sequence[ReadClocks]) -> int:
+    """Gives into how many parts the grid is cut: the most strict edges in a circle of times."""
     late = _late_components(system)
     if not late:
         return 1
@@ -300,7 +300,7 @@ def _late_components(system: System) -> set[int]:
 def _count_edges(
     w: ReadClocks, ages: set[int], moved: set[int], *, free: bool
 ) -> tuple[int, int, bool]:
-    """Counts strict edges of a run of `w`'s code and moving clocks; tells if time 0 is a node.
+    """Gives the strict edges of one run of `w`'s code, its moving clocks, and if time 0 is a node.
 
     `ages`: topics whose age it reads; `moved`: topics whose stamps may be late; `free`: whether the
     code itself may run late.

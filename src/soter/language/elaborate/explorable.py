@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.language.elaborate.wellformed import from_outside
+from soter.language.elaborate.wellformed import topics_from_outside
 from soter.language.model.tree_walk import calls_in
 from soter.language.model.types import show_ns
 
@@ -30,7 +30,7 @@ MAX_STEPS = 10_000_000
 def check_explorable(
     flat: Flattening, test: typed.TestSymbol, system: System, *, sound: bool
 ) -> None:
-    """Reports what the explorer cannot do; needs `system.test`. `sound`: parts have no errors."""
+    """Reports why a test (`system.test`) cannot be explored; `sound`: no part has errors."""
     plan = system.test
     assert plan is not None
     if sound:
@@ -104,7 +104,7 @@ def _check_size(flat: Flattening, test: typed.TestSymbol, system: System, horizo
 
 
 def _check_quantum(test: typed.TestSymbol, plan: TestPlan, diagnostics: Diagnostics) -> None:
-    """Warns (W008) of a quantum that is longer than the time by which any step may be late."""
+    """Warns W008 of a quantum longer than any step of the test may be late."""
     expr = test.quantum
     if expr is None or plan.quantum_ns is None:
         return
@@ -144,18 +144,18 @@ def _check_order(test: typed.TestSymbol, plan: TestPlan, diagnostics: Diagnostic
 
 def _check_deadlines(plan: TestPlan, diagnostics: Diagnostics) -> None:
     for p in plan.timed:
-        only = p.kind == "leadsto" and p.within_ns == plan.horizon_ns
-        if p.kind == "invariant" or (p.within_ns <= plan.horizon_ns and not only):
+        at_start = p.kind == "leadsto" and p.within_ns == plan.horizon_ns
+        if p.kind == "invariant" or (p.within_ns <= plan.horizon_ns and not at_start):
             continue
         diagnostics.error(
             "E013",
-            f"this property is {'hardly ever' if only else 'never'} judged: "
+            f"this property is {'hardly ever' if at_start else 'never'} judged: "
             f"the horizon of the test is {show_ns(plan.horizon_ns)}",
             p.span,
             f"within {show_ns(p.within_ns)}",
             notes=(
                 "only what holds at time 0 has its deadline before the end"
-                if only
+                if at_start
                 else "a deadline beyond the horizon is not judged",
             ),
             helps=("raise the horizon, or shorten the deadline",),
@@ -176,7 +176,7 @@ def _code_that_may_run(system: System) -> Iterator[object]:
 
 
 def _add_externs(root: object, call_by_extern: dict[typed.FunSymbol, typed.TypedCall]) -> None:
-    """Adds the extern functions that code below `root` calls, each with its first call."""
+    """Adds the extern functions that code below `root` calls, directly or not, with the call."""
     for call in calls_in(root):
         seen: set[typed.FunSymbol] = set()
         todo = [call.fun]
@@ -192,7 +192,7 @@ def _add_externs(root: object, call_by_extern: dict[typed.FunSymbol, typed.Typed
 
 def refuse_systems_in_world(flat: Flattening, test: typed.TestSymbol, system: System) -> None:
     """Reports E018 for a system with `faults`, E019 for one with topics from outside."""
-    outside = from_outside(system)
+    outside = topics_from_outside(system)
     if outside:
         name = system.topics[outside[0].topic].name
         flat.diagnostics.error(

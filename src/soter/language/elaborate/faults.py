@@ -1,8 +1,9 @@
 """Elaborates the `faults { ... }` of a system: which component, how often, in which assumption.
 
 Purpose: turns each `SystemFaultSymbol` into `Fault`s, one for each component, with diagnostics for
-impossible ones, and decides whether a proof's assumptions still hold with it. `components_named`
-finds a component by the path in a fault or a test; `refuse_path` reports that none has it.
+impossible ones, and decides whether the assumptions of proofs still hold with them.
+`components_named` finds a component by the path in a fault or a test; `refuse_path` reports that
+no component has the path.
 Non-goals: what a fault does (`semantics/faults.py`, `codegen/faults.py`), tests
 (`language/elaborate/tested_system.py`).
 """
@@ -12,7 +13,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from soter.language.check.dots_and_brackets import listed
+from soter.language.check.dots_and_brackets import quoted
 from soter.language.elaborate.passes.memory_topics import add_held_topic, refuse_overrun
 from soter.language.elaborate.passes.step_times import with_wait_faults
 from soter.language.model.system import Fault
@@ -37,7 +38,7 @@ def components_named(system: System, path: str) -> list[Component]:
 
 
 def _aliases(system: System, c: Component) -> set[str]:
-    """Gives other names for a component beside its full name, as in `replace`."""
+    """Gives the names that a component has beside its full name, the same as in `replace`."""
     if c.node is None:
         return set()
     symbols = [c.node]
@@ -52,7 +53,7 @@ def _aliases(system: System, c: Component) -> set[str]:
 def refuse_path(
     system: System, path: str, span: Span, diagnostics: Diagnostics, *, verb: str, plants: bool
 ) -> None:
-    """Reports E009: no component of this path could do `verb`; `plants`: whether plants could."""
+    """Reports E009 for a path of no component that could `verb`; `plants`: a plant could, too."""
     known = [c.name for c in system.components if plants or c.role != "plant"]
     head, _, last = path.rpartition(".")
     inside = [n for n in known if n.startswith(f"{head}.") and n.endswith(f".{last}")]
@@ -66,7 +67,7 @@ def refuse_path(
         "E009",
         f"this system has no {kind} `{path}` that could {verb}",
         span,
-        notes=(f"what steps is {listed(known)}",) if known else (),
+        notes=(f"what steps is {quoted(known)}",) if known else (),
         helps=helps,
     )
 
@@ -94,7 +95,7 @@ def add_faults(flat: Flattening, system: System) -> None:
         return
     places = _FaultPlacer(flat, system)
     faults = [f for item in flat.symbol.faults for f in places.faults_of(item)]
-    places.decide_what_is_inside(faults)
+    places.enter_covering_assumptions(faults)
     system.shuffled = any(item.kind == "order" for item in flat.symbol.faults)
     system.faults = with_wait_faults(system.modules, faults, shuffled=system.shuffled)
     for f in system.faults:
@@ -166,10 +167,10 @@ class _FaultPlacer:
     # ------------------------------------------------------------ numbers
 
     def _rate_per_s(self, item: typed.SystemFaultSymbol) -> float | None:
-        """Gives how often a fault happens, per second; 0 if it always does, None after a report."""
+        """Gives how often per second a fault happens; 0 if it always acts, None after a report."""
         if item.rate is None or item.per is None:
             return 0.0
-        rate = self.flat.number(item.rate, "how often")
+        rate = self.flat.value_of(item.rate, "how often")
         per = self.flat.duration_ns(item.per, "`per`")
         if rate is None or per is None:
             return None
@@ -179,7 +180,7 @@ class _FaultPlacer:
         return float(rate) / (per / 1e9)
 
     def _amount_of(self, item: typed.SystemFaultSymbol, lasts: int) -> tuple[float, ...] | None:
-        numbers = [self.flat.number(e, f"`{item.kind}`") for e in item.by]
+        numbers = [self.flat.value_of(e, f"`{item.kind}`") for e in item.by]
         values = [v for v in numbers if v is not None]
         if len(values) != len(numbers):
             return None
@@ -214,7 +215,7 @@ class _FaultPlacer:
     def _probability_of_slot(
         self, item: typed.SystemFaultSymbol, rate: float, slot_ns: int, *, apart: bool
     ) -> float | None:
-        """Gives the probability of a slot that has the declared rate; None after a report."""
+        """Gives the probability that a slot has the fault, from its rate; None after a report."""
         if item.rate is None:
             return 1.0
         share = rate * (slot_ns / 1e9)
@@ -233,10 +234,10 @@ class _FaultPlacer:
 
     def _targets_of_group(self, item: typed.SystemFaultSymbol) -> list[_Target]:
         if item.kind == "overrun":
-            self._refuse_item(item, f"not all nodes of `{item.path}` can: name those that shall")
+            self._refuse_target(item, f"not all nodes of `{item.path}` can: name those that shall")
             return []
         if item.kind not in {"late", "skip"}:
-            self._refuse_item(item, f"`{item.path}` stands for nodes whose time is disturbed")
+            self._refuse_target(item, f"`{item.path}` stands for nodes whose time is disturbed")
             return []
         wanted = ("dm", "sc", "ac") if item.path == "modules" else ("dm", "sc", "ac", "node")
         components = [c for c in self.system.components if c.role in wanted]
@@ -260,9 +261,9 @@ class _FaultPlacer:
     ) -> Iterator[_Target]:
         if item.kind in {"late", "skip"}:
             if rest:
-                self._refuse_item(item, f"`{c.name}` has no `{'.'.join(rest)}` that is released")
+                self._refuse_target(item, f"`{c.name}` has no `{'.'.join(rest)}` that is released")
             elif c.plant is not None:
-                self._refuse_item(item, "physical time is never skewed")
+                self._refuse_target(item, "physical time is never skewed")
             else:
                 yield c, None, (), None
             return
@@ -271,15 +272,15 @@ class _FaultPlacer:
             if why is None:
                 yield c, None, (), None
             else:
-                self._refuse_item(item, why)
+                self._refuse_target(item, why)
             return
         if c.role == "dm":
-            self._refuse_item(item, "a decision module publishes nothing")
+            self._refuse_target(item, "a decision module publishes nothing")
             return
         drawn = [i for i, d in enumerate(c.disturbances) if [d.variable.name] == list(rest[:1])]
         if drawn and item.kind == "scale":
             if len(rest) > 1:
-                self._refuse_item(item, f"all of `{c.name}.{rest[0]}` is scaled, no part of it")
+                self._refuse_target(item, f"all of `{c.name}.{rest[0]}` is scaled, no part of it")
                 return
             yield c, None, (), drawn[0]
             return
@@ -290,45 +291,45 @@ class _FaultPlacer:
     ) -> Iterator[_Target]:
         parts = [x for part in rest for x in part.replace("[", ".[").split(".") if x]
         topics = [t for t in c.published if not parts or t.name.rpartition(".")[2] == parts[0]]
-        hit, below = False, parts[1:]
+        found_any, below = False, parts[1:]
         for symbol in topics:
-            if item.kind != "silent" and not _is_one_value(c, symbol):
+            if item.kind != "silent" and not _publishes_one_value(c, symbol):
                 if rest:
-                    self._refuse_item(item, f"`{symbol.name}` is not one value of fixed size")
+                    self._refuse_target(item, f"`{symbol.name}` is not one value of fixed size")
                     return
                 continue
             topic = c.scope.topics[symbol]
             indices = _leaves_to_hit(item.kind, self.system.topics[topic], below)
             if indices:
-                hit = True
+                found_any = True
                 yield c, topic, indices, None
-        if not hit:
+        if not found_any:
             self._report_nothing_to_hit(item, c, rest)
         elif c.plant is not None and item.kind == "nan":
-            self._refuse_item(item, "a reading that is no number reaches no topic: say `silent`")
+            self._refuse_target(item, "a reading that is no number reaches no topic: say `silent`")
 
     def _report_nothing_to_hit(
         self, item: typed.SystemFaultSymbol, c: Component, rest: Sequence[str]
     ) -> None:
         place = f"`{'.'.join(rest)}` of `{c.name}`" if rest else f"what `{c.name}` publishes"
         names = [t.name.rpartition(".")[2] for t in c.published]
-        also = [f"`{c.name}` publishes {listed(names)}"] if names else []
-        self._refuse_item(item, f"{place} is nothing that `{item.kind}` could hit", *also)
+        also = [f"`{c.name}` publishes {quoted(names)}"] if names else []
+        self._refuse_target(item, f"{place} is nothing that `{item.kind}` could hit", *also)
 
-    def _refuse_item(self, item: typed.SystemFaultSymbol, *why: str) -> None:
+    def _refuse_target(self, item: typed.SystemFaultSymbol, *why: str) -> None:
         self.diagnostics.error(
             "E018", f"`{item.kind} {item.path}` cannot happen", item.span, notes=why
         )
 
-    # ------------------------------------------------------------ inside or outside
+    # ------------------------------------------------------------ whether proofs cover a fault
 
-    def decide_what_is_inside(self, faults: Sequence[Fault]) -> None:
-        """Sets `inside` of each fault; the latenesses of one component add up."""
+    def enter_covering_assumptions(self, faults: Sequence[Fault]) -> None:
+        """Sets in each fault why proofs cover it (`inside`); times of one component add up."""
         for f in faults:
-            f.inside = self._why_inside(f, self.system.components[f.component], faults)
+            f.inside = self._covering_reason(f, self.system.components[f.component], faults)
 
-    def _why_inside(self, fault: Fault, c: Component, faults: Sequence[Fault]) -> str | None:
-        """Says why assumptions of proofs hold with a fault; None if one may not hold."""
+    def _covering_reason(self, fault: Fault, c: Component, faults: Sequence[Fault]) -> str | None:
+        """Gives the reason why assumptions of proofs hold with a fault; None if one may not."""
         if c.role == "ac" and not self._must_publish(c, fault):
             return "AC may do anything"
         if fault.disturbance is not None:
@@ -336,9 +337,9 @@ class _FaultPlacer:
             low, high = sorted(fault.amount[0] * x for x in (d.low, d.high))
             return "in its declared range" if d.low <= low and high <= d.high else None
         if fault.kind in TIMED:
-            return self._why_in_time(fault, c, faults)
+            return self._time_reason(fault, c, faults)
         if fault.kind == "silent" and c.plant is not None:
-            return self._why_in_dropout(fault, c, faults)
+            return self._dropout_reason(fault, c, faults)
         return None
 
     def _must_publish(self, c: Component, fault: Fault) -> bool:
@@ -353,24 +354,24 @@ class _FaultPlacer:
     def _declared_ns(self, m: Module, expr: typed.TypedExpr | None) -> float | None:
         """Gives a time of a `verify` block in ns, with the parameters of its module."""
         with self.flat.with_params(m.scope.params):
-            value = self.flat.number(expr, "a time of `verify`")
+            value = self.flat.value_of(expr, "a time of `verify`")
         return None if value is None else float(value)
 
-    def _why_in_time(self, fault: Fault, c: Component, faults: Sequence[Fault]) -> str | None:
-        """Says why `late` or `response` covers all such faults of the component; or None."""
+    def _time_reason(self, fault: Fault, c: Component, faults: Sequence[Fault]) -> str | None:
+        """Gives the reason why `late` or `response` covers such faults of `c`; or None."""
         timed = [f for f in faults if f.kind in TIMED and f.component == c.index]
         most = sum(int(f.amount[-1]) for f in timed if f.kind == fault.kind)
         if fault.kind == "late":
-            return self._why_in_late(c, most)
+            return self._late_reason(c, most)
         lost = sum(int(f.amount[-1]) for f in timed) >= c.period_ns
-        return None if lost or c.takes_ns is not None else self._why_in_response(c, most)
+        return None if lost or c.takes_ns is not None else self._response_reason(c, most)
 
-    def _why_in_late(self, c: Component, most: int) -> str | None:
-        """Says why `late` of every module that depends on `c` covers `most` ns; or None."""
+    def _late_reason(self, c: Component, most: int) -> str | None:
+        """Gives the reason why `late` of all modules that need `c` covers `most` ns; or None."""
         declared = []
         for m in self.system.modules:
             block = m.symbol.verify
-            by_name = _with_full_names(m, block.late_of)
+            by_name = _by_full_name(m, block.late_of)
             if c.index in (m.dm, m.sc):
                 declared.append((m, block.late_dm if c.index == m.dm else block.late_sc))
             elif c.name in by_name or (
@@ -382,19 +383,19 @@ class _FaultPlacer:
         if not declared or most >= c.period_ns or most + takes > c.period_ns:
             return None  # a release would be lost
         values = [self._declared_ns(m, e) for m, e in declared]
-        return "as late as declared" if _all_reach(values, most) else None
+        return "as late as declared" if _are_at_least(values, most) else None
 
-    def _why_in_response(self, c: Component, most: int) -> str | None:
-        """Says why `response` of every module that depends on `c` covers `most` ns; or None."""
+    def _response_reason(self, c: Component, most: int) -> str | None:
+        """Gives the reason why `response` of modules that need `c` covers `most` ns; or None."""
         declared = []
         for m in self.system.modules:
-            by_name = _with_full_names(m, m.symbol.verify.response_of)
+            by_name = _by_full_name(m, m.symbol.verify.response_of)
             if c.name in by_name or c.index in self._nodes_around(m) or c.index == m.ac:
                 declared.append(self._declared_ns(m, by_name.get(c.name)))
-        return "no longer than its declared `response`" if _all_reach(declared, most) else None
+        return "no longer than its declared `response`" if _are_at_least(declared, most) else None
 
-    def _why_in_dropout(self, fault: Fault, c: Component, faults: Sequence[Fault]) -> str | None:
-        """Says why `dropout` of every module covers what a plant may lose in a row; or None.
+    def _dropout_reason(self, fault: Fault, c: Component, faults: Sequence[Fault]) -> str | None:
+        """Gives the reason why `dropout` of all modules covers a plant's silences; or None.
 
         A silence shorter than a period still loses a release, and two may follow each other.
         """
@@ -402,32 +403,32 @@ class _FaultPlacer:
         silent = {f.stream: f for f in faults if f.kind == "silent" and f.component == c.index}
         lost = sum(max(f.slot_ns - 1, 0) // c.period_ns + 1 for f in silent.values())
         values = [self._declared_ns(m, m.symbol.verify.dropout) for m in self.system.modules]
-        fits = _all_reach(values, lost * c.period_ns)
+        fits = _are_at_least(values, lost * c.period_ns)
         return "as silent as `dropout` says" if fits and fault.slot_ns else None
 
     def _nodes_around(self, m: Module) -> set[int]:
-        """Gives indices of nodes between sensors, module and plants, whose time counts."""
-        own = (m.sc, m.ac)
-        nodes = [c for c in self.system.components if c.node is not None and c.index not in own]
+        """Gives indices of the nodes from sensors to the module, and from it to plants."""
+        gated = (m.sc, m.ac)
+        nodes = [c for c in self.system.components if c.node is not None and c.index not in gated]
         sc = self.system.components[m.sc]
         read = {*m.inputs, *_topics_read(self.system, sc)}
         written = set(m.outputs)
         node_indices: set[int] = set()
         for _ in nodes:
             for c in nodes:
-                made = {*c.writes}
-                if made & read:
+                outputs = {*c.writes}
+                if outputs & read:
                     node_indices.add(c.index)
                     read |= _topics_read(self.system, c)
                 if _topics_read(self.system, c) & written:
                     node_indices.add(c.index)
-                    written |= made
+                    written |= outputs
         return node_indices
 
 
-def _all_reach(declared: Sequence[float | None], most: int) -> bool:
-    """Whether there are declared times, and each is at least `most`."""
-    return bool(declared) and all(v is not None and most <= v for v in declared)
+def _are_at_least(declared: Sequence[float | None], least: int) -> bool:
+    """Whether there are declared times, and each is at least `least`."""
+    return bool(declared) and all(v is not None and least <= v for v in declared)
 
 
 def _topics_read(system: System, c: Component) -> set[int]:
@@ -439,7 +440,7 @@ def _topics_read(system: System, c: Component) -> set[int]:
 
 
 def _why_no_overrun(c: Component, rest: Sequence[str]) -> str | None:
-    """Says why no step of a component can overrun; None if one can, as the node `takes` time."""
+    """Gives the reason why no step of a component can overrun; None if one can."""
     if rest:
         return f"`{c.name}` has no `{'.'.join(rest)}` that steps"
     if c.role == "plant":
@@ -455,18 +456,18 @@ def _why_no_overrun(c: Component, rest: Sequence[str]) -> str | None:
     return None
 
 
-def _with_full_names(m: Module, said: Mapping[str, typed.TypedExpr]) -> dict[str, typed.TypedExpr]:
-    """Gives what a `verify` block says of nodes, by their full names in the system."""
-    return {f"{m.name.removesuffix(m.name.rpartition('.')[2])}{n}": e for n, e in said.items()}
+def _by_full_name(m: Module, exprs: Mapping[str, typed.TypedExpr]) -> dict[str, typed.TypedExpr]:
+    """Gives full name in the system -> expression, for node names of a `verify` block."""
+    return {f"{m.name.removesuffix(m.name.rpartition('.')[2])}{n}": e for n, e in exprs.items()}
 
 
-def _is_one_value(c: Component, topic: typed.TopicSymbol) -> bool:
+def _publishes_one_value(c: Component, topic: typed.TopicSymbol) -> bool:
     """Whether a step of a component publishes at most one message on a topic, of fixed size."""
     return not has_list(topic.type) and not (c.node is not None and topic in c.node.bursts)
 
 
 def _leaves_to_hit(kind: str, topic: Topic, path: Sequence[str]) -> tuple[int, ...]:
-    """Gives the numbers of leaves below a path that a kind of fault can hit; (0,) for "silent"."""
+    """Gives indices of the leaves below `path` that a kind of fault can hit; (0,) for "silent"."""
     if kind == "silent":
         return () if path else (0,)
     wanted = {"stuck": (object,), "saturated": (FloatType, IntType)}.get(kind, (FloatType,))

@@ -1,7 +1,7 @@
 """Flattens a system, pass by pass: instances get names, parameters values, numbers are computed.
 
-Purpose: `flatten` calls the passes over one record (`flattening.py`) in the order in which they
-need each other, to the `System` of a `SystemSymbol`.
+Purpose: `flatten` makes the `System` of a `SystemSymbol`. It calls the passes, which fill one
+record (`flattening.py`), in the order in which they need each other.
 Non-goals: what a pass does (a file each); P1a and P1b (`wellformed.py`), behaviour, storage.
 """
 
@@ -26,7 +26,7 @@ from soter.language.elaborate.passes.properties import (
 from soter.language.elaborate.passes.stated_values import hold_to_stated_values
 from soter.language.elaborate.passes.step_times import mark_inline_nodes
 from soter.language.elaborate.passes.system_numbers import TooLargeError, warn_of_idle_settings
-from soter.language.elaborate.passes.topics import topic_at
+from soter.language.elaborate.passes.topics import index_at
 from soter.language.model import typed
 from soter.language.model.system import System
 
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 
 def flatten(flat: Flattening) -> System | None:
-    """Flattens a system; gives None if it is too large. After errors the result is incomplete.
+    """Gives the flat system, incomplete after errors; None if it is too large.
 
     Topics are numbered in the order in which the passes first mention them.
     """
@@ -63,7 +63,7 @@ def _run_passes(flat: Flattening) -> System:
     if flat.test is None:
         add_measures(flat)
     make_memory_topics(flat)
-    system = _system(flat)
+    system = _system_from_record(flat)
     Composition(
         system, flat.symbol, flat.diagnostics, partial=flat.partial, draft=flat.draft
     ).check_all_rules(flat.property_reads)
@@ -78,20 +78,20 @@ def _run_passes(flat: Flattening) -> System:
 
 
 def flatten_loose(flat: Flattening, topics: Iterable[typed.TopicSymbol]) -> System | None:
-    """Checks numbers of declarations outside systems and of `topics`, but no composition."""
+    """Makes a system of declarations outside systems and of `topics`, checking numbers alone."""
     flat.partial = True
     try:
         place_instances(flat)
         make_components(flat, "sc")
         make_modules(flat)
         for topic in topics:
-            topic_at(flat, flat.parts[0], topic)
+            index_at(flat, flat.parts[0], topic)
     except TooLargeError:
         return None
-    return _system(flat)
+    return _system_from_record(flat)
 
 
-def _system(flat: Flattening) -> System:
+def _system_from_record(flat: Flattening) -> System:
     return System(
         name=flat.symbol.name,
         program=flat.program,
@@ -109,7 +109,7 @@ def _system(flat: Flattening) -> System:
 
 
 def _warn_of_idle_settings(flat: Flattening) -> None:
-    """Warns W010 of settings that nothing reads, unless parts are missing, which may."""
+    """Warns W010 of settings that nothing reads, unless a part that may read them is missing."""
     settings = flat.parameters.settings_of_instances()
     if not settings or flat.partial:
         return
@@ -128,8 +128,8 @@ def _warn_of_idle_settings(flat: Flattening) -> None:
 
 
 def implicit_system(program: typed.TypedProgram) -> typed.SystemSymbol | None:
-    """Gives the system of a file that declares none: everything in the file, once."""
-    used = {n for m in program.modules.values() for n in m.named}
+    """Gives the system of a file without one: everything in the file, once; None if it is empty."""
+    used = {n for m in program.modules.values() for n in m.named_nodes}
     whats: list[typed.PlantSymbol | typed.ModuleSymbol | typed.NodeSymbol] = [
         *program.plants.values(),
         *program.modules.values(),

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from soter.language.elaborate.distinguishable_values import (
     FINEST,
     ReadClocks,
-    grid_parts,
+    grid_part_count,
     release_count,
 )
 from soter.language.model import typed
@@ -49,11 +49,11 @@ PASSES = 8
 OFFSETS = 16
 """Most different constants that may be added to a clock in a local; with more it is open."""
 MANY = 2
-"""From this number on, times in one sum are too many."""
+"""A clock that adds, or takes off, this many times or more is open if it is compared."""
 
 
 class ClockTerms(NamedTuple):
-    """How often a clock adds or takes off a time; counts are cut to `MANY` (`_cut_terms`).
+    """How often a clock adds or takes off times; no count is above `MANY` (`_limited_terms`).
 
     `now`: the net count of the time of the step that computes the clock, below 0 where it is taken
     off more often. `added`, `taken_off`: how often it adds and takes off any other time: that of an
@@ -87,7 +87,7 @@ class TimesRead:
 
 
 def times_read(system: System) -> TimesRead:
-    """Gives how every component, decision and property of a flattened test uses time."""
+    """Gives how the components, decisions and properties of a test's system use time."""
     assert system.test is not None, f"{system.name} is no test"
     thresholds = _max_ages_read(system)
     opened: list[Span] = []
@@ -104,14 +104,14 @@ def times_read(system: System) -> TimesRead:
     ]
     deadlines = sorted({t.within_ns for t in system.test.timed if t.within_ns and thresholds})
     judged = thresholds or any(t.kind == "invariant" for t in system.test.timed)
-    parts = grid_parts(system, watched) if judged else 1
+    parts = grid_part_count(system, watched) if judged else 1
     compared = [s for w in watched for s in w.compared] if parts > FINEST else []
     return TimesRead(
         tuple(sorted(thresholds)),
-        _in_order(opened),
+        _sorted_spans(opened),
         tuple(deadlines),
         parts,
-        _in_order(compared),
+        _sorted_spans(compared),
     )
 
 
@@ -121,8 +121,8 @@ def _max_ages_read(system: System) -> set[int]:
     return {age for t in reads if (age := system.topics[t].max_age_ns) is not None}
 
 
-def _in_order(spans: Iterable[Span]) -> tuple[Span, ...]:
-    """Gives the spans without duplicates, in the order of the program."""
+def _sorted_spans(spans: Iterable[Span]) -> tuple[Span, ...]:
+    """Gives the spans without duplicates, in the order of file name and place."""
     places = {(s.source.name, s.start, s.end): s for s in spans}
     return tuple([places[k] for k in sorted(places)])
 
@@ -160,7 +160,7 @@ def _least_divisor(n: int, least: int) -> int:
 
 
 def _code_with_readers(system: System) -> Iterator[CodeToRead]:
-    """Yields all code that runs, of components, modules and properties, with readers."""
+    """Yields the code of each component, module and property, with a reader for it."""
     yield from _code_of_components(system)
     for m in system.modules:
         decides = ReadClocks(component=m.dm)
@@ -215,7 +215,7 @@ class _TimeReader:
         self.offsets: dict[typed.Variable, set[float]] = {}
         """Local -> the constants put into it, or added to clocks in it, in seconds."""
         self.terms: dict[typed.Variable, set[ClockTerms]] = {}
-        """Local -> terms of clocks put into it, the time of that step counted as an other one."""
+        """Local -> terms of clocks put into it; the time of that step counts as another time."""
         self.thresholds: set[int] = set()
         self.open: list[Span] = []
 
@@ -224,7 +224,7 @@ class _TimeReader:
         expressions: Iterable[typed.TypedExpr | None],
         bodies: Sequence[tuple[typed.TypedStmt, ...]],
     ) -> None:
-        """Reads the code again and again until no more locals turn out to be clocks."""
+        """Reads the code repeatedly until no more locals are found to be clocks."""
         every = [e for e in expressions if e is not None]
         for _ in range(PASSES):
             before = self._counts_of_known()
@@ -239,7 +239,7 @@ class _TimeReader:
         self.open += [e.span for e in every] or [s.span for body in bodies for s in body[:1]]
 
     def _counts_of_known(self) -> tuple[int, int, int]:
-        """Gives how many clocks, constants and terms of locals are known: they only ever rise."""
+        """Gives how many clocks, constants and terms of locals are known; counts only increase."""
         offsets = sum(map(len, self.offsets.values()))
         return len(self.clocks), offsets, sum(map(len, self.terms.values()))
 
@@ -283,8 +283,8 @@ class _TimeReader:
     def _add_offsets(self, variable: typed.Variable, value: typed.TypedExpr) -> None:
         """Adds the constants and the terms of `value` to those of a local."""
         self.terms.setdefault(variable, set()).update(
-            _cut_terms(0, t.added + max(t.now, 0), t.taken_off + max(-t.now, 0))
-            for t in self._terms(value)
+            _limited_terms(0, t.added + max(t.now, 0), t.taken_off + max(-t.now, 0))
+            for t in self._terms_of(value)
         )
         known = self.offsets.setdefault(variable, set())
         if len(known) < OFFSETS:
@@ -303,12 +303,12 @@ class _TimeReader:
     # ------------------------------------------------------------ expressions
 
     def _read_as_value(self, e: typed.TypedExpr) -> None:
-        """Reads an expression whose value matters: a clock is open here."""
+        """Reads an expression whose value matters; notes it as open if it is a clock."""
         if self._is_clock(e):
             self.open.append(e.span)
 
     def _is_clock(self, e: typed.TypedExpr) -> bool:
-        """Whether `e` is a clock; reads its parts."""
+        """Whether `e` is a clock; also notes the clocks and thresholds in its parts."""
         if isinstance(e, typed.TimeRead):
             self.watched.now = True
             return True
@@ -323,34 +323,34 @@ class _TimeReader:
             self.watched.kept |= kept and e.variable.kind == "local"
             return kept
         if isinstance(e, typed.TypedBinary) and e.op in {"+", "-", *COMPARISONS}:
-            clocks = self._clocks_of_two(e, e.left, e.right)
-            return any(clocks) and self._note_combination(e, both=all(clocks))
+            clocks = self._which_are_clocks(e, e.left, e.right)
+            return any(clocks) and self._note_comparison_or_sum(e, both=all(clocks))
         if isinstance(e, typed.Conditional):
             self._read_as_value(e.condition)
-            return any(self._clocks_of_two(e, e.then, e.otherwise))
+            return any(self._which_are_clocks(e, e.then, e.otherwise))
         for part in children(e):
             self._read_within(part)
         return False
 
-    def _clocks_of_two(
+    def _which_are_clocks(
         self, e: typed.TypedExpr, one: typed.TypedExpr, other: typed.TypedExpr
     ) -> list[bool]:
-        """Tells which of two parts are clocks; `e` is open if the other part is no constant."""
+        """Gives which of two parts are clocks; notes `e` as open for a clock beside no constant."""
         clocks = [self._is_clock(one), self._is_clock(other)]
         beside = other if clocks[0] else one
         if any(clocks) and not all(clocks) and self._constant_in_s(beside) is None:
             self.open.append(e.span)
         return clocks
 
-    def _note_combination(self, e: typed.TypedBinary, *, both: bool) -> bool:
-        """Notes thresholds of a sum, difference or comparison of clocks; False for a comparison."""
+    def _note_comparison_or_sum(self, e: typed.TypedBinary, *, both: bool) -> bool:
+        """Notes thresholds of a sum, difference or comparison of clocks; False for the last one."""
         self.watched.crossed |= both
         left, right = self._added_constants(e.left), self._added_constants(e.right)
         if e.op in COMPARISONS:
             self.watched.compared.append(e.span)
             for a, b in itertools.product(left, right):
                 self._add_threshold(b - a)
-            if any(map(_has_several_times, self._sums(e.left, e.right, -1))):
+            if any(map(_has_several_times, self._sums_of(e.left, e.right, -1))):
                 self.open.append(e.span)
             return False
         for constant in left | right:
@@ -362,7 +362,7 @@ class _TimeReader:
             self.thresholds.add(round(abs(seconds) * 1e9))
 
     def _added_constants(self, e: typed.TypedExpr) -> set[float]:
-        """Gives the constants that a clock may have added, or the constant itself, in seconds."""
+        """Gives the constants that `e` may add to a clock; or of a constant `e` its value, in s."""
         if isinstance(e, typed.Conditional):
             return self._added_constants(e.then) | self._added_constants(e.otherwise)
         if isinstance(e, typed.VarRead):
@@ -376,7 +376,7 @@ class _TimeReader:
             return set(off[:OFFSETS])
         return {self._constant_in_s(e) or 0.0}
 
-    def _terms(self, e: typed.TypedExpr) -> set[ClockTerms]:
+    def _terms_of(self, e: typed.TypedExpr) -> set[ClockTerms]:
         """Gives the terms that an expression may have, CONSTANT for one that is no clock."""
         if isinstance(e, typed.TimeRead):
             return {ClockTerms(now=1, added=0, taken_off=0)}
@@ -385,17 +385,17 @@ class _TimeReader:
         if isinstance(e, typed.VarRead):
             return self.terms.get(e.variable, {CONSTANT})
         if isinstance(e, typed.Conditional):
-            return self._terms(e.then) | self._terms(e.otherwise)
+            return self._terms_of(e.then) | self._terms_of(e.otherwise)
         if isinstance(e, typed.TypedBinary) and e.op in {"+", "-"}:
-            return self._sums(e.left, e.right, 1 if e.op == "+" else -1)
+            return self._sums_of(e.left, e.right, 1 if e.op == "+" else -1)
         return {CONSTANT}
 
-    def _sums(self, left: typed.TypedExpr, right: typed.TypedExpr, sign: int) -> set[ClockTerms]:
+    def _sums_of(self, left: typed.TypedExpr, right: typed.TypedExpr, sign: int) -> set[ClockTerms]:
         """Gives the terms of left + sign * right, `sign` being 1 or -1."""
         sums: set[ClockTerms] = set()
-        for a, b in itertools.product(self._terms(left), self._terms(right)):
+        for a, b in itertools.product(self._terms_of(left), self._terms_of(right)):
             added, off = (b.added, b.taken_off) if sign > 0 else (b.taken_off, b.added)
-            sums.add(_cut_terms(a.now + sign * b.now, a.added + added, a.taken_off + off))
+            sums.add(_limited_terms(a.now + sign * b.now, a.added + added, a.taken_off + off))
         return sums
 
     def _constant_in_s(self, e: typed.TypedExpr) -> float | None:
@@ -430,14 +430,14 @@ class _TimeReader:
 
 
 def _quotient(e: typed.TypedBinary, left: float, right: float) -> float:
-    """Gives the quotient as the language computes it: cut off for ints and for nanoseconds."""
+    """Gives the quotient as the language computes it: for ints and nanoseconds without fraction."""
     if isinstance(e.type, DurationType):
         return math.trunc(round(left * 1e9) / right) / 1e9
     return float(math.trunc(left / right)) if isinstance(e.type, IntType) else left / right
 
 
-def _cut_terms(now: int, added: int, taken_off: int) -> ClockTerms:
-    """Terms whose counts are cut to `MANY`, so that there are few different ones."""
+def _limited_terms(now: int, added: int, taken_off: int) -> ClockTerms:
+    """Gives the terms with counts of at most `MANY`, so that few different terms exist."""
     return ClockTerms(max(-MANY, min(now, MANY)), min(added, MANY), min(taken_off, MANY))
 
 

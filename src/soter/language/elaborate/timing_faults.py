@@ -26,7 +26,7 @@ _VERBS = {"late": "be late", "skip": "skip a step", "overrun": "overrun"}
 
 
 def overruns_of_takes(flat: Flattening, system: System) -> Iterator[TimingFault]:
-    """Yields an overrun for each node that declares `takes`: each of its steps overruns."""
+    """Yields an overrun, of every step, for each node that declares `takes`."""
     for c in system.components:
         if c.takes_ns is not None:
             assert c.node is not None

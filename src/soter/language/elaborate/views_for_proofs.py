@@ -1,9 +1,9 @@
 """Changes a module and its plants for proofs: views, disturbances from others, first states.
 
-Purpose: `systems_by_view`: a view keeps the parts of `safe`, `ttf` and `safer` that read topics of
-its plants only (proof-sets.md, Views): every part of `safe` and of `safer` must be kept by some
-view (R023), and a part of `ttf` that none keeps is dropped: that makes a proof harder, not wrong.
-`moved_by_others` replaces each topic that a plant reads and the module does not publish by a
+Purpose: `systems_by_view` splits a module. A view keeps the parts of `safe`, `ttf` and `safer` that
+read topics of its plants only (proof-sets.md, Views). Each part of `safe` and `safer` must be in
+some view (R023). A part of `ttf` in no view is left out, so that a proof is harder, but not wrong.
+`with_influences_drawn` replaces each topic that a plant reads and the module does not publish by a
 disturbance. `start_of_proof_plant` computes where an abstraction starts.
 Non-goals: proofs; who keeps topics in their sets (`verify/scope.py`); initial states that are
 drawn. The re-checker has its own views (`certificate/extras/views.py`), on purpose.
@@ -44,7 +44,7 @@ Topics = frozenset[typed.TopicSymbol]
 
 
 def systems_by_view(flat: System, module: Module) -> list[tuple[System, Module]]:
-    """Gives a module with its system once for each of its views; unchanged if it has none.
+    """Gives system and module once for each view of the module; both unchanged if it has none.
 
     Raises `SoterError` R023 if the views together do not cover the module.
     """
@@ -99,7 +99,7 @@ def _parts_that_read(parts: Iterable[typed.TypedExpr], topics: Topics) -> list[t
 
 
 def _require_usable_views(symbol: typed.ModuleSymbol) -> None:
-    """Raises R023 for clauses beside views, missing plants or predicates, and uncovered parts."""
+    """Raises R023 if views lack plants, predicates or parts, or `verify` has more than views."""
     diagnostics, verify = Diagnostics(), symbol.verify
     *methods, last = VIEW_ITEMS
     if verify.groups or verify.abstracts or verify.core or verify.induction or verify.commands:
@@ -149,7 +149,7 @@ def _require_covered_parts(symbol: typed.ModuleSymbol, diagnostics: Diagnostics)
 
 @dataclass(frozen=True)
 class Influence:
-    """A leaf of another part's topic that moves a plant; `topic` and `leaf` are indices."""
+    """A number in a topic of another part that moves a plant; `topic` and `leaf` are indices."""
 
     component: int
     topic: int
@@ -158,8 +158,8 @@ class Influence:
     low: float
     high: float
 
-    def name(self, system: System) -> str:
-        """Gives the name in proofs: `plant.topic.leaf`."""
+    def name_in_proofs(self, system: System) -> str:
+        """Gives the name of the influence in proofs: `plant.topic.leaf`."""
         return f"{system.components[self.component].name}.{self.variable.name}"
 
 
@@ -172,15 +172,15 @@ def topics_of_others(c: Component, outputs: tuple[int, ...]) -> list[typed.Topic
 
 
 def can_be_drawn(system: System, topic: int) -> bool:
-    """Whether every leaf of a topic is a float in a declared set: else it is no disturbance."""
+    """Whether every leaf of a topic is a float in a declared set, as a disturbance must be."""
     flat = system.topics[topic]
     leaf_bounds = zip(leaves(flat.type), flat.bounds, strict=True)
     floats = all(isinstance(t, FloatType) and isinstance(b, Bound) for (_, t), b in leaf_bounds)
     return floats and not has_list(flat.type)
 
 
-def moved_by_others(system: System, module: Module) -> tuple[System, tuple[Influence, ...]]:
-    """Makes topics of others disturbances where possible; gives the system and their leaves."""
+def with_influences_drawn(system: System, module: Module) -> tuple[System, tuple[Influence, ...]]:
+    """Gives the system with disturbances for topics of others, where it can, and their leaves."""
     moved: list[Component] = []
     all_influences: list[Influence] = []
     for c in system.components:
@@ -194,7 +194,7 @@ def moved_by_others(system: System, module: Module) -> tuple[System, tuple[Influ
 def _with_drawn_topics(
     system: System, c: Component, outputs: tuple[int, ...]
 ) -> tuple[Component, tuple[Influence, ...]]:
-    """Gives the plant with disturbances for topics of others, and the leaves that move it."""
+    """Gives plant `c` with disturbances for topics of others, and these topics' leaves."""
     topics = [t for t in topics_of_others(c, outputs) if can_be_drawn(system, c.scope.topics[t])]
     if not topics:
         return c, ()
@@ -220,24 +220,24 @@ Variables = dict[typed.TopicSymbol, tuple[typed.Variable, ...]]
 def _with_disturbances_for(
     plant: typed.PlantSymbol, topics: tuple[typed.TopicSymbol, ...]
 ) -> tuple[typed.PlantSymbol, Variables]:
-    """Gives the plant with disturbances for `topics`; cached by identity of the symbols."""
+    """Gives the plant with disturbances for `topics`, and these; the result is cached."""
     made: Variables = {}
     for topic in topics:
         names = [".".join((topic.name, *path)) for path, _ in leaves(topic.type)]
         made[topic] = tuple(typed.Variable(n, FLOAT, "disturbance", topic.span) for n in names)
-    whole = {t: _value_of(t.type, iter(made[t]), t) for t in topics}
+    value_by_topic = {t: _value_of(t.type, iter(made[t]), t) for t in topics}
 
-    def value(e: typed.TypedExpr) -> typed.TypedExpr:
-        return _replace_topic_read(e, whole)
+    def replaced(e: typed.TypedExpr) -> typed.TypedExpr:
+        return _with_topic_replaced(e, value_by_topic)
 
     opened = replace(
         plant,
-        reads=tuple(t for t in plant.reads if t not in whole),
+        reads=tuple(t for t in plant.reads if t not in value_by_topic),
         read_spans=(),
-        lets=tuple((v, rewritten(e, value)) for v, e in plant.lets),
-        der={v: rewritten(e, value) for v, e in plant.der.items()},
-        next={v: rewritten(e, value) for v, e in plant.next.items()},
-        drives=tuple((t, rewritten(e, value)) for t, e in plant.drives),
+        lets=tuple((v, rewritten(e, replaced)) for v, e in plant.lets),
+        der={v: rewritten(e, replaced) for v, e in plant.der.items()},
+        next={v: rewritten(e, replaced) for v, e in plant.next.items()},
+        drives=tuple((t, rewritten(e, replaced)) for t, e in plant.drives),
         disturbances=(*plant.disturbances, *_disturbance_symbols(made)),
     )
     return opened, made
@@ -262,10 +262,10 @@ def _part_types(t: RecordType | ArrayType) -> list[Type]:
     return [f for _, f in t.fields] if isinstance(t, RecordType) else [t.element] * t.size
 
 
-def _replace_topic_read(
+def _with_topic_replaced(
     e: typed.TypedExpr, by: Mapping[typed.TopicSymbol, typed.TypedExpr]
 ) -> typed.TypedExpr:
-    """Replaces a read of a topic, or of a field of one, by the value that stands for it."""
+    """Gives the value in `by` for a read of a topic or of its field; else `e` unchanged."""
     if isinstance(e, typed.TopicRead):
         return by.get(e.topic, e)
     if (
@@ -278,7 +278,7 @@ def _replace_topic_read(
 
 
 def _is_made_of_variables(e: typed.TypedExpr) -> bool:
-    """Whether `e` consists of variables only, so that no fault is lost with a part left out."""
+    """Whether `e` has only variables, so that leaving out a part of it hides no step fault."""
     if isinstance(e, typed.Aggregate):
         return all(_is_made_of_variables(x) for x in e.elements)
     return isinstance(e, typed.VarRead)
@@ -287,7 +287,7 @@ def _is_made_of_variables(e: typed.TypedExpr) -> bool:
 def start_of_proof_plant(
     flat: System, module: Module, link: typed.AbstractionLink
 ) -> tuple[Value, ...] | None:
-    """Gives the states of the proof's plant, one by one, at the start of the flying system.
+    """Gives the values of the states of the proof's plant when the flying system starts.
 
     Topics have their defaults. None if there is no map, if a flying plant's state is drawn, or if
     the map reads ages, times or modes, which do not exist yet.
@@ -310,7 +310,7 @@ def start_of_proof_plant(
     defaults = [t.default for t in flat.topics]
     env = Environment(topics=defaults, truth=lambda _: c.initial)
     try:
-        value = evaluator.expression(link.value)(env)
+        value = evaluator.compiled(link.value)(env)
     except StepFault:
         return None
     assert isinstance(value, tuple)

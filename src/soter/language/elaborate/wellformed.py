@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 HELPS_MAX = 2
-"""With at most so many topics the help names each and what to do with it."""
+"""Most topics for which the report of P1b has a help each; for more it has one for all."""
 
 
 def check_module_declaration(
@@ -35,7 +35,7 @@ def check_module_declaration(
     damaged: Collection[object] = (),
     others: Collection[NodeSymbol] = (),
 ) -> None:
-    """Checks AC != SC and P1b, O(N_ac) = O(N_sc); skips nodes that have errors (`damaged`).
+    """Checks that AC is not SC, and that both have the same outputs (P1b) if none is `damaged`.
 
     `others`: the nodes of the program that are in no module, for the help.
     """
@@ -54,8 +54,8 @@ def check_module_declaration(
         return
     if ac in damaged or sc in damaged:
         return
-    for node in module.own:
-        check_messages(module, node, at_ac if node is ac else at_sc, diagnostics)
+    for node in module.controllers:
+        refuse_bursts(module, node, at_ac if node is ac else at_sc, diagnostics)
     if set(ac.publishes) != set(sc.publishes) or not ac.publishes:
         _require_same_outputs(module, diagnostics, others)
 
@@ -89,8 +89,8 @@ def _require_same_outputs(
         "P1b",
         f"AC and SC of module `{module.name}` publish different topics",
         at_sc,
-        f"publishes {_published_names(sc)}",
-        also=((at_ac, f"publishes {_published_names(ac)}"),),
+        f"publishes {_text_of_outputs(sc)}",
+        also=((at_ac, f"publishes {_text_of_outputs(ac)}"),),
         notes=(rule, "; ".join(parts)),
         helps=tuple(helps) if len(helps) <= HELPS_MAX else ("let both publish the same topics",),
     )
@@ -105,7 +105,7 @@ def _same_outputs_help(
     return f"let `{other.name}` publish `{topic}` too"
 
 
-def check_messages(
+def refuse_bursts(
     module: ModuleSymbol, node: NodeSymbol, at: Span, diagnostics: Diagnostics
 ) -> None:
     """Reports M018 for a controller whose step may publish several messages."""
@@ -120,12 +120,12 @@ def check_messages(
         )
 
 
-def _published_names(node: NodeSymbol) -> str:
+def _text_of_outputs(node: NodeSymbol) -> str:
     return ", ".join(f"`{t.name}`" for t in node.publishes) or "nothing"
 
 
 def check_periods(system: System, diagnostics: Diagnostics, unknown: Collection[str] = ()) -> None:
-    """Checks P1a: delta(N_ac) <= Delta and delta(N_sc) <= Delta (ruling 4).
+    """Checks P1a: neither AC nor SC of a module has a longer period than its DM (ruling 4).
 
     `unknown` names the components whose period has an error of its own.
     """
@@ -135,10 +135,10 @@ def check_periods(system: System, diagnostics: Diagnostics, unknown: Collection[
         for role, index in (("AC", module.ac), ("SC", module.sc)):
             node = system.components[index]
             if node.period_ns > module.period_ns and node.name not in unknown:
-                _report_slower(module, role, node, diagnostics)
+                _report_slow_node(module, role, node, diagnostics)
 
 
-def _report_slower(module: Module, role: str, node: Component, diagnostics: Diagnostics) -> None:
+def _report_slow_node(module: Module, role: str, node: Component, diagnostics: Diagnostics) -> None:
     assert node.node is not None
     symbol = module.symbol
     replaced = node.node not in (symbol.ac, symbol.sc)
@@ -166,15 +166,15 @@ def _report_slower(module: Module, role: str, node: Component, diagnostics: Diag
 DIFFERENCES_SHOWN = 8
 
 
-# ---------------------------------------------------------------- the world outside
+# ---------------------------------------------------------------- topics from outside, lateness
 
 
 def check_external_topics(system: System, read: set[int], diagnostics: Diagnostics) -> None:
-    """Reports M024 for an external topic that nobody has, or that is declared wrongly."""
+    """Reports M024 for an external topic that no part uses, or that is declared wrongly."""
     for e in system.externals:
         topic = system.topics[e.topic]
         if topic.driver not in {"", "input"}:
-            _check_outgoing(system, e, diagnostics)
+            _check_outgoing_topic(system, e, diagnostics)
             continue
         if e.topic in read:
             continue
@@ -188,7 +188,7 @@ def check_external_topics(system: System, read: set[int], diagnostics: Diagnosti
         )
 
 
-def _check_outgoing(system: System, e: External, diagnostics: Diagnostics) -> None:
+def _check_outgoing_topic(system: System, e: External, diagnostics: Diagnostics) -> None:
     """Reports M024 for a topic that goes out and has `every`, `delayed` or `measured`."""
     words_here = [
         word
@@ -214,13 +214,13 @@ def _check_outgoing(system: System, e: External, diagnostics: Diagnostics) -> No
     )
 
 
-def from_outside(system: System) -> tuple[External, ...]:
+def topics_from_outside(system: System) -> tuple[External, ...]:
     """Gives the external topics of a system that something outside publishes."""
     return tuple(e for e in system.externals if system.topics[e.topic].driver == "input")
 
 
 def allowed_lateness(system: System) -> dict[int, int]:
-    """Component -> how late it may start after its release, in ns, as `verify` blocks declare.
+    """Gives component -> by how many ns it may start late, as `verify` blocks declare.
 
     A DM or SC of a module that declares nothing may not be late; others are included if a block
     names them. Of several blocks the strictest counts.
@@ -241,22 +241,22 @@ def allowed_lateness(system: System) -> dict[int, int]:
     return lateness_by_component
 
 
-# ---------------------------------------------------------------- the same system
+# ---------------------------------------------------------------- the system that is deployed
 
 
 def check_deployed(here: System, symbol: typed.SystemSymbol, diagnostics: Diagnostics) -> None:
     """Reports M025 if `here` differs from the system that it deploys in more than plants."""
-    there = here.proved
-    if there is None or symbol.deploys is None:
+    model = here.proved
+    if model is None or symbol.deploys is None:
         return
-    differences = list(_all_differences(here, there))
+    differences = list(_all_differences(here, model))
     if not differences:
         return
     more = len(differences) - DIFFERENCES_SHOWN
     shown = differences[:DIFFERENCES_SHOWN] + ([f"and {more} more"] if more > 0 else [])
     diagnostics.error(
         "M025",
-        f"system `{symbol.name}` is not `{there.name}` without its plants",
+        f"system `{symbol.name}` is not `{model.name}` without its plants",
         symbol.span,
         also=((symbol.deploys.span, "said to be deployed"),),
         notes=tuple(shown),
@@ -267,30 +267,30 @@ def check_deployed(here: System, symbol: typed.SystemSymbol, diagnostics: Diagno
     )
 
 
-def _all_differences(here: System, there: System) -> Iterator[str]:
+def _all_differences(here: System, model: System) -> Iterator[str]:
     yield from _unwanted_parts(here)
-    yield from _differences_of_components(here, there)
-    theirs = {m.name: m for m in there.modules}
+    yield from _differences_of_components(here, model)
+    theirs = {m.name: m for m in model.modules}
     for m in here.modules:
         if m.name in theirs:
-            yield from _differences_of_module(here, m, there, theirs[m.name])
-    topics = {t.name: t for t in there.topics}
+            yield from _differences_of_module(here, m, model, theirs[m.name])
+    topics = {t.name: t for t in model.topics}
     for t in here.topics:
         if t.queue_of is None and not t.held and t.name in topics:
             yield from _differences_of_topic(t, topics[t.name])
-    yield from _differences_outside(here, there)
+    yield from _differences_outside(here, model)
 
 
-def _differences_of_components(here: System, there: System) -> Iterator[str]:
+def _differences_of_components(here: System, model: System) -> Iterator[str]:
     mine = {c.name: c for c in here.components if c.plant is None}
-    proved = {c.name: c for c in there.components if c.plant is None}
+    proved = {c.name: c for c in model.components if c.plant is None}
     for name in [*proved, *(n for n in mine if n not in proved)]:
         if name not in mine:
             yield f"`{name}` is missing"
         elif name not in proved:
-            yield f"`{name}` is not part of `{there.name}`"
+            yield f"`{name}` is not part of `{model.name}`"
         else:
-            yield from _differences_of_component(here, mine[name], there, proved[name])
+            yield from _differences_of_component(here, mine[name], model, proved[name])
     if mine.keys() == proved.keys() and list(mine) != list(proved):
         yield f"its parts step in another order: {', '.join(mine)}; there {', '.join(proved)}"
 
@@ -314,7 +314,7 @@ def _parameter_texts(c: Component | Module) -> dict[str, str]:
 
 
 def _differences_of_component(
-    here: System, mine: Component, there: System, proved: Component
+    here: System, mine: Component, model: System, proved: Component
 ) -> Iterator[str]:
     pairs = (
         ("another declaration", mine.node, proved.node),
@@ -325,9 +325,9 @@ def _differences_of_component(
         ("another thread (`inline`)", mine.inline, proved.inline),
         ("other first values", repr(mine.initial), repr(proved.initial)),
         ("other parameters", _parameter_texts(mine), _parameter_texts(proved)),
-        ("other topics", _topic_names(here, mine), _topic_names(there, proved)),
-        ("other fail-safe values", _failsafe_texts(here, mine), _failsafe_texts(there, proved)),
-        ("other modes to read", _module_names(here, mine), _module_names(there, proved)),
+        ("other topics", _topic_names(here, mine), _topic_names(model, proved)),
+        ("other fail-safe values", _failsafe_texts(here, mine), _failsafe_texts(model, proved)),
+        ("other modes to read", _module_names(here, mine), _module_names(model, proved)),
     )
     yield from _differences_in(f"`{mine.name}`", pairs)
 
@@ -344,7 +344,7 @@ def _module_names(system: System, c: Component) -> dict[str, str]:
 
 
 def _differences_of_module(
-    here: System, mine: Module, there: System, proved: Module
+    here: System, mine: Module, model: System, proved: Module
 ) -> Iterator[str]:
     def texts_around(m: Module) -> dict[str, str]:
         return {p.name: repr(v) for p, v in m.around.items()}
@@ -364,7 +364,7 @@ def _differences_of_module(
         ),
     )
     yield from _differences_in(f"module `{mine.name}`", pairs)
-    for name, forced in ((here.name, mine.forced), (there.name, proved.forced)):
+    for name, forced in ((here.name, mine.forced), (model.name, proved.forced)):
         if forced is not None:
             yield f"module `{mine.name}` is forced to {forced.upper()} in `{name}`"
 
@@ -385,12 +385,12 @@ def _differences_in(who: str, pairs: Sequence[tuple[str, object, object]]) -> It
             yield f"{who} has {difference} there"
 
 
-def _differences_outside(here: System, there: System) -> Iterator[str]:
+def _differences_outside(here: System, model: System) -> Iterator[str]:
     """Yields a difference for a topic from outside that no plant or input publishes there."""
-    proved = {t.name: t for t in there.topics}
-    for e in from_outside(here):
+    proved = {t.name: t for t in model.topics}
+    for e in topics_from_outside(here):
         name = here.topics[e.topic].name
         if name not in proved:
-            yield f"topic `{name}` is not part of `{there.name}`"
+            yield f"topic `{name}` is not part of `{model.name}`"
         elif not (proved[name].driver == "input" or proved[name].driver.startswith("plant")):
             yield f"topic `{name}` is published by {proved[name].driver} there"

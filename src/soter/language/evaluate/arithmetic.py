@@ -10,8 +10,8 @@ doubles by IEEE rules, and restores its settings: loading a library that was bui
 Non-goals: which operation an expression means (`expressions.py`), intervals (`verify/`), the
 settings of other threads and of a package (`runtime/soter_self_test.c`).
 
-Every checked operation takes the span to blame and raises `StepFault`. Fault codes, `min`, `max`,
-`abs`, `floor` and `sqrt` are those of docs/semantics.md, section Numbers.
+Every operation that may fault takes the span to report, and raises `StepFault`. Fault codes,
+`min`, `max`, `abs`, `floor` and `sqrt` are those of docs/semantics.md, section Numbers.
 """
 
 from __future__ import annotations
@@ -86,32 +86,32 @@ def require_int64(result: int, span: Span | None = None) -> int:
 
 
 def add_int(a: int, b: int, span: Span | None = None) -> int:
-    """`a + b`."""
+    """Gives `a + b`; StepFault, an overflow, beyond 64 bits."""
     return require_int64(a + b, span)
 
 
 def sub_int(a: int, b: int, span: Span | None = None) -> int:
-    """`a - b`."""
+    """Gives `a - b`; StepFault, an overflow, beyond 64 bits."""
     return require_int64(a - b, span)
 
 
 def mul_int(a: int, b: int, span: Span | None = None) -> int:
-    """`a * b`."""
+    """Gives `a * b`; StepFault, an overflow, beyond 64 bits."""
     return require_int64(a * b, span)
 
 
 def neg_int(a: int, span: Span | None = None) -> int:
-    """`-a`; overflows on the smallest int."""
+    """Gives `-a`; StepFault, an overflow, for the smallest int."""
     return require_int64(-a, span)
 
 
 def abs_int(a: int, span: Span | None = None) -> int:
-    """`|a|`; overflows on the smallest int."""
+    """Gives `|a|`; StepFault, an overflow, for the smallest int."""
     return require_int64(abs(a), span)
 
 
 def div_int(a: int, b: int, span: Span | None = None) -> int:
-    """`a / b` truncated towards zero, as in C; StepFault on 0 and for the smallest int by -1."""
+    """Gives `a / b`, truncated towards zero; StepFault for b = 0, and the smallest int by -1."""
     if b == 0:
         raise StepFault(FaultKind.DIVIDE, span)
     quotient = abs(a) // abs(b)
@@ -119,7 +119,7 @@ def div_int(a: int, b: int, span: Span | None = None) -> int:
 
 
 def mod_int(a: int, b: int, span: Span | None = None) -> int:
-    """`a % b` with the sign of `a`, as in C; the smallest int by -1 is 0; StepFault on 0."""
+    """Gives `a % b` with the sign of `a`, as in C; 0 for the smallest int by -1; StepFault on 0."""
     if b == 0:
         raise StepFault(FaultKind.DIVIDE, span)
     remainder = abs(a) % abs(b)
@@ -137,7 +137,7 @@ def require_in_range(a: int, low: int, high: int, span: Span | None = None) -> i
 
 
 def div_float(a: float, b: float, span: Span | None = None) -> float:
-    """`a / b`; StepFault on a zero divisor of either sign, whatever `a` is."""
+    """Gives `a / b`; StepFault for a zero divisor of either sign, whatever `a` is."""
     if b == 0.0:
         raise StepFault(FaultKind.DIVIDE, span)
     return a / b
@@ -156,19 +156,19 @@ def floor(x: float) -> float:
 
 
 def int_of_float(x: float, span: Span | None = None) -> int:
-    """`int(x)`: truncates towards zero; StepFault on NaN and outside 64 bits."""
+    """Gives a float truncated towards zero, as an int; StepFault for NaN and beyond 64 bits."""
     if -_INT_BEYOND <= x < _INT_BEYOND:
         return int(x)
     raise StepFault(FaultKind.CONVERT, span)
 
 
 def seconds(ns: int) -> float:
-    """Gives a duration in seconds."""
+    """Gives a duration of `ns` nanoseconds in seconds."""
     return float(ns) / 1e9
 
 
 def with_stored_nan(x: float) -> float:
-    """`x`, with every NaN turned into the one that is stored."""
+    """Gives `x`, or the NaN that is stored, `NAN`, for any NaN."""
     return x if x == x else NAN  # noqa: PLR0124  only NaN differs from itself
 
 
@@ -176,48 +176,48 @@ def with_stored_nan(x: float) -> float:
 
 
 def minimum(a: Number, b: Number) -> Number:
-    """`b < a ? b : a`, so a NaN in `b` loses and a NaN in `a` stays."""
+    """Gives `b < a ? b : a`: `a` if either is NaN."""
     return b if b < a else a  # noqa: FURB136  Python's min(a, b) leaves this order unsaid
 
 
 def maximum(a: Number, b: Number) -> Number:
-    """`b > a ? b : a`."""
+    """Gives `b > a ? b : a`: `a` if either is NaN."""
     return b if b > a else a  # noqa: FURB136  as above
 
 
 def saturate(x: float, limit: float) -> float:
-    """`min(max(x, -limit), limit)`."""
+    """Gives `min(max(x, -limit), limit)`."""
     return minimum(maximum(x, -limit), limit)
 
 
-def _components(t: Type) -> tuple[Type, ...]:
+def _component_types(t: Type) -> tuple[Type, ...]:
     if isinstance(t, RecordType):
         return tuple(f for _, f in t.fields)
     assert isinstance(t, ArrayType), t
     return (t.element,) * t.size
 
 
-def _is_flat(t: Type) -> bool:
-    return all(isinstance(c, FloatType) for c in _components(t))
+def _has_only_floats(t: Type) -> bool:
+    return all(isinstance(c, FloatType) for c in _component_types(t))
 
 
-def zipper(t: Type) -> Callable[[Binary, Value, Value], Value]:
-    """Gives `(op, a, b) -> value`, which applies `op` to each pair of components of type `t`."""
+def function_on_pairs(t: Type) -> Callable[[Binary, Value, Value], Value]:
+    """Gives `(op, a, b) -> value`, which applies `op` to the components of two values of `t`."""
     if isinstance(t, FloatType):
         return lambda op, a, b: op(a, b)
-    if _is_flat(t):
+    if _has_only_floats(t):
         return lambda op, a, b: tuple(map(op, a, b))
-    parts = [zipper(c) for c in _components(t)]
+    parts = [function_on_pairs(c) for c in _component_types(t)]
     return lambda op, a, b: tuple([z(op, x, y) for z, x, y in zip(parts, a, b, strict=True)])
 
 
-def mapper(t: Type) -> Callable[[Unary, Value], Value]:
+def function_on_components(t: Type) -> Callable[[Unary, Value], Value]:
     """Gives `(op, a) -> value`, which applies `op` to each component of a value of type `t`."""
     if isinstance(t, FloatType):
         return lambda op, a: op(a)
-    if _is_flat(t):
+    if _has_only_floats(t):
         return lambda op, a: tuple(map(op, a))
-    parts = [mapper(c) for c in _components(t)]
+    parts = [function_on_components(c) for c in _component_types(t)]
     return lambda op, a: tuple([m(op, x) for m, x in zip(parts, a, strict=True)])
 
 
@@ -225,14 +225,14 @@ def function_to_leaves(t: Type) -> Callable[[Value], tuple[float, ...]]:
     """Gives `value -> leaves` for values of type `t`, with the leaves in declared order."""
     if isinstance(t, FloatType):
         return lambda a: (a,)
-    if _is_flat(t):
+    if _has_only_floats(t):
         return lambda a: a
-    parts = [function_to_leaves(c) for c in _components(t)]
+    parts = [function_to_leaves(c) for c in _component_types(t)]
     return lambda a: tuple([leaf for f, x in zip(parts, a, strict=True) for leaf in f(x)])
 
 
 def dot(a: tuple[float, ...], b: tuple[float, ...]) -> float:
-    """`((a0*b0 + a1*b1) + a2*b2) + ...` of two flat vectors, at least one component long."""
+    """Gives `((a0*b0 + a1*b1) + a2*b2) + ...` of two vectors of at least one float."""
     total = a[0] * b[0]
     for x, y in zip(a[1:], b[1:], strict=True):
         total += x * y
@@ -246,7 +246,7 @@ ENVIRONMENT_BYTES = 512
 
 
 def why_not_plain() -> str:
-    """Says what this thread's floats do against the default IEEE rules; "" if nothing."""
+    """Gives the default IEEE rule that this thread's floats break, in words; "" if none."""
     if ONE + HALF_STEP != ONE or ODD + HALF_STEP == ODD or -ONE - HALF_STEP != -ONE:
         return "sums are not rounded to the nearest double"
     if not LEAST_NORMAL * HALF > 0.0:
@@ -271,13 +271,13 @@ def require_plain() -> None:
 
 
 def restore_plain() -> None:
-    """Restores the floating-point settings of when this file was loaded, if they are changed."""
+    """Restores the floating-point settings that held when this file was loaded."""
     if _PLAIN is not None and why_not_plain():
         _PLAIN[0].fesetenv(_PLAIN[1])
 
 
 def _plain_settings() -> tuple[ctypes.CDLL, ctypes.Array[ctypes.c_char]] | None:
-    """Gives the C library and its present settings; None if not plain, or unreadable."""
+    """Gives the C library and its present float settings; None if they are not the default."""
     with suppress(OSError, AttributeError):
         library = ctypes.CDLL(None)
         kept = ctypes.create_string_buffer(ENVIRONMENT_BYTES)

@@ -25,11 +25,11 @@ if TYPE_CHECKING:
 
 
 class BudgetExceeded(Exception):  # noqa: N818  not an error: the limit was asked for
-    """A constant took more operations than the evaluator was allowed."""
+    """A constant took more operations than the budget of the evaluator."""
 
 
 def _refuse_choice(count: int) -> int:
-    """Fails, as the default for `choose`: only steps of nodes and plants have choices."""
+    """Raises RuntimeError, the default for `choose`: only steps of nodes and plants choose."""
     msg = f"nobody chooses between {count} alternatives here"
     raise RuntimeError(msg)
 
@@ -37,12 +37,11 @@ def _refuse_choice(count: int) -> int:
 class Environment:
     """The values that code can read, and the publications of a step.
 
-    `variables` by identity; `topics` and `stamps` by topic index, as they were when the step
-    began; `mode(module index)`, `margin_ns(module index)` and `truth(component index)` ask the
-    configuration; `published` collects the published values by topic index, for a burst the tuple
-    of all messages.
-    `choose(count)` answers a `choose` expression: 0 <= pick < count. A closed constant needs no
-    argument at all.
+    `variables` maps variables, by identity, to values. `topics` and `stamps` go by topic index, as
+    they were when the step began. `mode(module index)`, `margin_ns(module index)` and
+    `truth(component index)` ask the configuration. `published` collects the published values by
+    topic index, for a burst the tuple of all messages. `choose(count)` answers a `choose`: it gives
+    pick, 0 <= pick < count. A constant that reads nothing needs no argument.
     """
 
     __slots__ = (
@@ -91,17 +90,17 @@ MAX_FAIR = 64
 
 
 def ages_after(ages: Sequence[int], pick: int) -> tuple[int, ...]:
-    """Computes the ages after alternative `pick` was taken."""
+    """Gives the ages of all alternatives after `pick` was taken."""
     return tuple(0 if i == pick else age + 1 for i, age in enumerate(ages))
 
 
 def allowed_picks(ages: Sequence[int]) -> list[int]:
-    """Gives the alternatives that may be taken now, ascending; never empty from the start on."""
+    """Gives the alternatives that may be taken now, ascending; there is always one."""
     return [i for i in range(len(ages)) if _can_keep_deadlines(ages_after(ages, i), i)]
 
 
 def _can_keep_deadlines(ages: Sequence[int], pick: int) -> bool:
-    """Whether all others can still be taken in time: within s steps at most s + 1 are due."""
+    """Whether every alternative but `pick` can still be taken before its deadline."""
     last = 2 * len(ages) - 1
     slack = sorted(last - age for i, age in enumerate(ages) if i != pick)
     return all(s >= place for place, s in enumerate(slack))

@@ -89,7 +89,7 @@ class ExpressionEvaluator(ABC):
         self._budget = budget
         self._left = self._reserve = 0
         self.tell: Callable[[int], None] | None = None
-        """Called with the operations that a value took, again and again while it is computed."""
+        """Called again and again while a value is computed, with the operations taken so far."""
         self._topics = {} if topics is None else topics
         self._plants = {} if plants is None else plants
         self._modules = {} if modules is None else modules
@@ -97,31 +97,31 @@ class ExpressionEvaluator(ABC):
         self.unbound: set[t.FunSymbol] = set()
 
     @abstractmethod
-    def function(self, fun: t.FunSymbol) -> Callable[[Environment, Sequence[Value]], Value]:
+    def closure_of(self, fun: t.FunSymbol) -> Callable[[Environment, Sequence[Value]], Value]:
         """Gives `(environment, arguments) -> value` for a function with a body."""
 
     def value(self, expr: t.TypedExpr, env: Environment | None = None) -> Value:
-        """Gives the value of an expression in `env`, None for one that reads nothing.
+        """Gives the value of an expression in `env`; `env` None: the expression reads nothing.
 
         Raises `StepFault`, and `BudgetExceeded` also for calls nested deeper than Python's stack.
         """
         self._left, self._reserve = 0, self._budget or 0
         try:
-            return self.expression(expr)(env or Environment())
+            return self.compiled(expr)(env or Environment())
         except RecursionError:
             raise BudgetExceeded from None
 
     def set_budget(self, operations: int) -> None:
-        """Sets how many operations each of the next values may take, if there is a budget."""
+        """Sets how many operations each later `value` may take, for an evaluator with a budget."""
         assert self._budget is not None
         self._budget = operations
 
     @property
-    def spent(self) -> int:
-        """Gives how many operations the last value took."""
+    def operations_spent(self) -> int:
+        """Gives how many operations the last call of `value` took."""
         return (self._budget or 0) - self._reserve - self._left
 
-    def expression(self, expr: t.TypedExpr) -> Compiled:
+    def compiled(self, expr: t.TypedExpr) -> Compiled:
         """Gives `environment -> value` for an expression; the closure raises `StepFault`."""
         compiled = self._expressions.get(expr)
         if compiled is None:
@@ -136,9 +136,9 @@ class ExpressionEvaluator(ABC):
             self._take_slice()
 
     def _take_slice(self) -> None:
-        """Takes operations from the budget's reserve; tells how many were taken so far."""
-        if self.tell is not None and self.spent > SLICE:
-            self.tell(self.spent)
+        """Takes operations from the budget's reserve; tells the progress. Raises BudgetExceeded."""
+        if self.tell is not None and self.operations_spent > SLICE:
+            self.tell(self.operations_spent)
         more = min(self._reserve, SLICE - self._left)
         self._left += more
         self._reserve -= more
@@ -146,15 +146,15 @@ class ExpressionEvaluator(ABC):
             raise BudgetExceeded
 
     def _with_cost(self, operations: int, compiled: Compiled) -> Compiled:
-        """Gives `compiled`, whose calls cost `operations` if there is a budget."""
+        """Gives a closure as `compiled`, each call of which spends operations of the budget."""
         if self._budget is None:
             return compiled
 
-        def counted(env: Environment) -> Value:
+        def spend_and_evaluate(env: Environment) -> Value:
             self._spend(operations)
             return compiled(env)
 
-        return counted
+        return spend_and_evaluate
 
     # ------------------------------------------------------------ expressions: reads
 
@@ -180,29 +180,29 @@ class ExpressionEvaluator(ABC):
     def _compile_truth_read(self, expr: t.TruthRead) -> Compiled:
         index = self._plants[expr.instance]
 
-        def truth(env: Environment) -> Value:
+        def read_truth(env: Environment) -> Value:
             assert env.truth is not None
             return env.truth(index)
 
-        return truth
+        return read_truth
 
     def _compile_mode_read(self, expr: t.ModeRead) -> Compiled:
         index = self._modules[expr.module]
 
-        def mode(env: Environment) -> Value:
+        def read_mode(env: Environment) -> Value:
             assert env.mode is not None
             return env.mode(index)
 
-        return mode
+        return read_mode
 
     def _compile_margin_read(self, expr: t.MarginRead) -> Compiled:
         index = self._modules[expr.module]
 
-        def margin(env: Environment) -> Value:
+        def read_margin(env: Environment) -> Value:
             assert env.margin_ns is not None
             return arithmetic.seconds(env.margin_ns(index))
 
-        return margin
+        return read_margin
 
     def _compile_in_control(self, _: t.InControl) -> Compiled:
         return lambda env: env.in_control
@@ -226,9 +226,9 @@ class ExpressionEvaluator(ABC):
             return lambda env: not operand(env)
         if isinstance(expr.type, FloatType):
             return lambda env: -operand(env)
-        if _is_int(expr.type):
+        if _has_int_arithmetic(expr.type):
             return lambda env: arithmetic.neg_int(operand(env), span)
-        each = arithmetic.mapper(expr.type)
+        each = arithmetic.function_on_components(expr.type)
         return lambda env: each(operator.neg, operand(env))
 
     def _compile_binary(self, expr: t.TypedBinary) -> Compiled:
@@ -239,25 +239,25 @@ class ExpressionEvaluator(ABC):
             return lambda env: left(env) or right(env)
         op, span = expr.op, expr.span
         if op in _COMPARISONS:
-            return _apply_to_both(_COMPARISONS[op], left, right)
+            return _binary_closure(_COMPARISONS[op], left, right)
         if not isinstance(expr.type, FloatType):
-            return _apply2_checked(_INT_OPERATIONS[op], left, right, span)
+            return _checked_binary_closure(_INT_OPERATIONS[op], left, right, span)
         if op == "/":
-            return _apply2_checked(arithmetic.div_float, left, right, span)
-        return _apply_to_both(_FLOAT_OPERATIONS[op], left, right)
+            return _checked_binary_closure(arithmetic.div_float, left, right, span)
+        return _binary_closure(_FLOAT_OPERATIONS[op], left, right)
 
     def _compile_vector(self, expr: t.Vector) -> Compiled:
         left, right = self._compile(expr.left), self._compile(expr.right)
         op, span = expr.op, expr.span
         if op in ("+", "-"):
-            zipped, operation = arithmetic.zipper(expr.type), _FLOAT_OPERATIONS[op]
+            zipped, operation = arithmetic.function_on_pairs(expr.type), _FLOAT_OPERATIONS[op]
             compiled: Compiled = lambda env: zipped(operation, left(env), right(env))  # noqa: E731
             return self._with_cost(leaf_count(expr.type), compiled)
 
-        each = arithmetic.mapper(expr.type)
+        each = arithmetic.function_on_components(expr.type)
         scalar_first = isinstance(expr.left.type, FloatType)
 
-        def scaled(env: Environment) -> Value:
+        def scaled_vector(env: Environment) -> Value:
             a, b = left(env), right(env)
             if op == "/":
                 return each(lambda x: arithmetic.div_float(x, b, span), a)
@@ -265,7 +265,7 @@ class ExpressionEvaluator(ABC):
                 return each(lambda x: a * x, b)
             return each(lambda x: x * b, a)
 
-        return self._with_cost(leaf_count(expr.type), scaled)
+        return self._with_cost(leaf_count(expr.type), scaled_vector)
 
     def _compile_conditional(self, expr: t.Conditional) -> Compiled:
         condition = self._compile(expr.condition)
@@ -284,7 +284,7 @@ class ExpressionEvaluator(ABC):
         arguments = [self._compile(a) for a in expr.arguments]
         if expr.fun.extern:
             return self._compile_call_extern(expr, arguments)
-        call = self.function(expr.fun)
+        call = self.closure_of(expr.fun)
         compiled: Compiled = lambda env: call(env, [a(env) for a in arguments])  # noqa: E731
         return self._with_cost(1, compiled)
 
@@ -295,7 +295,7 @@ class ExpressionEvaluator(ABC):
             self.unbound.add(fun)
         types = [p.type for p in fun.parameters]
 
-        def call(env: Environment) -> Value:
+        def call_extern(env: Environment) -> Value:
             values = [a(env) for a in arguments]
             if extern is None:
                 raise StepFault(FaultKind.EXTERN, span, f"`{fun.name}` is not bound")
@@ -306,7 +306,7 @@ class ExpressionEvaluator(ABC):
                 detail = f"`{fun.name}`: {type(error).__name__}: {error}"
                 raise StepFault(FaultKind.EXTERN, span, detail) from error
 
-        return call
+        return call_extern
 
     def _compile_builtin(self, expr: t.Builtin) -> Compiled:
         arguments = [self._compile(a) for a in expr.arguments]
@@ -314,23 +314,23 @@ class ExpressionEvaluator(ABC):
         of = expr.arguments[0].type
         name = expr.name
         if name in ("min", "max"):
-            return _apply_to_both(
+            return _binary_closure(
                 arithmetic.minimum if name == "min" else arithmetic.maximum, first, arguments[1]
             )
-        if name == "abs" and _is_int(of):
+        if name == "abs" and _has_int_arithmetic(of):
             return lambda env: arithmetic.abs_int(first(env), span)
         if name == "int":
             return lambda env: arithmetic.int_of_float(first(env), span)
         if name in ("dot", "norm"):
             return self._compile_dot(name, of, arguments)
         if name == "saturate":
-            each, limit = arithmetic.mapper(of), arguments[1]
+            each, limit = arithmetic.function_on_components(of), arguments[1]
 
-            def saturate(env: Environment) -> Value:
+            def saturated_value(env: Environment) -> Value:
                 x, most = first(env), limit(env)
                 return each(lambda component: arithmetic.saturate(component, most), x)
 
-            return self._with_cost(leaf_count(of), saturate)
+            return self._with_cost(leaf_count(of), saturated_value)
         operation = _FLOAT_FUNCTIONS[name]
         return lambda env: operation(first(env))
 
@@ -338,11 +338,11 @@ class ExpressionEvaluator(ABC):
         flat, first = arithmetic.function_to_leaves(of), arguments[0]
         if name == "norm":
 
-            def norm(env: Environment) -> Value:
+            def norm_of_value(env: Environment) -> Value:
                 x = flat(first(env))
                 return arithmetic.sqrt(arithmetic.dot(x, x))
 
-            return self._with_cost(leaf_count(of), norm)
+            return self._with_cost(leaf_count(of), norm_of_value)
         second = arguments[1]
         compiled: Compiled = lambda env: arithmetic.dot(flat(first(env)), flat(second(env)))  # noqa: E731
         return self._with_cost(leaf_count(of), compiled)
@@ -356,11 +356,11 @@ class ExpressionEvaluator(ABC):
     def _compile_index(self, expr: t.Index) -> Compiled:
         target, index, span = self._compile(expr.target), self._compile(expr.index), expr.span
 
-        def element(env: Environment) -> Value:
+        def checked_element(env: Environment) -> Value:
             sequence = target(env)
             return sequence[checked_index(index(env), sequence, span)]
 
-        return element
+        return checked_element
 
     def _compile_length(self, expr: t.TypedLength) -> Compiled:
         of = expr.target.type
@@ -377,19 +377,19 @@ class ExpressionEvaluator(ABC):
         position = {field: written for written, field in enumerate(expr.order)}
         declared = [position[i] for i in range(len(elements))]
 
-        def aggregate(env: Environment) -> Value:
+        def values_in_declared_order(env: Environment) -> Value:
             values = [e(env) for e in elements]
             return tuple([values[i] for i in declared])
 
-        return self._with_cost(len(elements), aggregate)
+        return self._with_cost(len(elements), values_in_declared_order)
 
     def _compile_choose(self, expr: t.TypedChoose) -> Compiled:
-        """Evaluates the options, then asks `choose`; a fair choice offers only allowed ones."""
+        """Gives the closure that evaluates all options, then asks `choose` for one of them."""
         options = [self._compile(o) for o in expr.options]
         count, low, ages = expr.count, expr.low, expr.ages
         boolean = isinstance(expr.type, BoolType)
 
-        def choose(env: Environment) -> Value:
+        def chosen_value(env: Environment) -> Value:
             values = [o(env) for o in options]
             if ages is None:
                 pick = env.choose(count)
@@ -402,7 +402,7 @@ class ExpressionEvaluator(ABC):
                 return values[pick]
             return bool(pick) if boolean else low + pick
 
-        return choose
+        return chosen_value
 
     _EXPRESSIONS: ClassVar[
         dict[type[t.TypedExpr], Callable[[ExpressionEvaluator, Any], Compiled]]
@@ -436,16 +436,16 @@ class ExpressionEvaluator(ABC):
 # ---------------------------------------------------------------- helpers
 
 
-def _is_int(of: Type) -> bool:
-    """Whether arithmetic on the type is that of int64: ints and durations."""
+def _has_int_arithmetic(of: Type) -> bool:
+    """Whether the type is an int or a duration, whose arithmetic is on 64 bits."""
     return isinstance(of, (IntType, DurationType))
 
 
-def _apply_to_both(op: Callable[[Any, Any], Value], left: Compiled, right: Compiled) -> Compiled:
+def _binary_closure(op: Callable[[Any, Any], Value], left: Compiled, right: Compiled) -> Compiled:
     return lambda env: op(left(env), right(env))
 
 
-def _apply2_checked(
+def _checked_binary_closure(
     op: Callable[[Any, Any, Span | None], Value], left: Compiled, right: Compiled, span: Span
 ) -> Compiled:
     return lambda env: op(left(env), right(env), span)

@@ -161,7 +161,7 @@ def _states_in(t: Tree) -> set[int]:
 
 
 def constant_tree(value: Value) -> Tree:
-    """Gives the slopes of a constant, in its shape; they depend on no state."""
+    """Gives the slopes of a constant, in the shape of its value; all derivatives are 0."""
     if isinstance(value, tuple):
         return tuple(constant_tree(v) for v in value)
     if isinstance(value, (int, float)):
@@ -210,13 +210,13 @@ def operation_slope(op: str, a: Slope, b: Slope) -> Slope:
 
 
 def slope_sum(a: Slope, b: Slope) -> Slope:
-    """Gives the slope of the sum."""
+    """Gives the slope of `a + b`."""
     by = {k: range_sum(a.by.get(k, (0.0, 0.0)), b.by.get(k, (0.0, 0.0))) for k in {*a.by, *b.by}}
     return Slope(*range_sum(a.range, b.range), by)
 
 
 def slope_product(a: Slope, b: Slope) -> Slope:
-    """Gives the slope of the product."""
+    """Gives the slope of `a * b`."""
     by = {}
     for k in {*a.by, *b.by}:
         left, right = a.by.get(k, (0.0, 0.0)), b.by.get(k, (0.0, 0.0))
@@ -225,7 +225,7 @@ def slope_product(a: Slope, b: Slope) -> Slope:
 
 
 def hull(a: Range, b: Range) -> Range:
-    """Gives the smallest range that contains both."""
+    """Gives the smallest range that contains the ranges a and b."""
     return min(a[0], b[0]), max(a[1], b[1])
 
 
@@ -241,14 +241,14 @@ def range_product(a: Range, b: Range) -> Range:
 
 
 TOGETHER_MAX = 12
-"""Most states of one circle; larger circles are not examined."""
+"""Most states that depend on each other in one circle; larger circles are not examined."""
 SQUARINGS = 40
 GROWS = 1e-6
 """Logarithm of a step's growth that is more than rounding."""
 SPARE = 1.1
 """The advised step is by this factor shorter than the longest stable one."""
 PARTS_MAX = 64
-"""Up to this multiple of the present substeps is tried."""
+"""At most this multiple of the present substeps is tried."""
 Leaf = tuple["typed.Variable", tuple[int, ...]]
 
 
@@ -273,9 +273,9 @@ class Diverging:
 def groups_that_diverge(
     system: System, c: Component, ranges: Mapping[tuple[str, tuple[str, ...]], Range] | None = None
 ) -> list[Diverging]:
-    """Gives the groups of a plant's states that diverge; none if no bound is known.
+    """Gives the groups of a plant's states that its scheme makes diverge; [] if none is known.
 
-    `ranges`: (state, path of a leaf) -> its range, if that is less than all numbers.
+    `ranges`: (state, path of a leaf) -> the range of its values; absent: all numbers.
     """
     plant = c.plant
     if plant is None or plant.extern or not plant.der:
@@ -285,8 +285,8 @@ def groups_that_diverge(
     scheme = SCHEMES[plant.method]
     step = c.period_ns / 1e9 / c.substeps
     divergences = []
-    for block in _circles(jacobian):
-        growths = [(_growth(a, step, scheme.order), a) for a in _matrices(jacobian, block)]
+    for block in _circles_of_states(jacobian):
+        growths = [(_bad_growth(a, step, scheme.order), a) for a in _end_matrices(jacobian, block)]
         known = [(growth, a) for growth, a in growths if growth is not None]
         if known and len(known) == len(growths):
             _, slowest = min(known, key=lambda pair: pair[0])
@@ -306,11 +306,11 @@ def _divergence(
     names = tuple(leaf_name(leaves[k][0].name, _path_of(*leaves[k])) for k in block)
     room = SPARE * step * substeps
     parts = next(
-        (n for n in _more_substeps(substeps) if _growth(a, room / n, order) is None),
+        (n for n in _more_substeps(substeps) if _bad_growth(a, room / n, order) is None),
         None,
     )
-    other = next((s.name for s in SCHEMES.values() if _growth(a, step, s.order) is None), None)
-    growth = _growth(a, step, order)
+    other = next((s.name for s in SCHEMES.values() if _bad_growth(a, step, s.order) is None), None)
+    growth = _bad_growth(a, step, order)
     assert growth is not None
     return Diverging(names, leaves[block[0]][0], _spectral_radius(a), step, growth, parts, other)
 
@@ -359,20 +359,20 @@ def _jacobian(
     leaves: Sequence[Leaf],
     ranges: Mapping[tuple[str, tuple[str, ...]], Range],
 ) -> list[list[Range]]:
-    """Gives bounds of the derivative of every rate by every state."""
+    """Gives bounds of the derivative of each rate by each state, a row for each rate."""
     plant = c.plant
     assert plant is not None
     number = {leaf: k for k, leaf in enumerate(leaves)}
 
-    def state(v: typed.Variable, t: Type, at: tuple[int, ...] = ()) -> Tree:
+    def state_tree(v: typed.Variable, t: Type, at: tuple[int, ...] = ()) -> Tree:
         if isinstance(t, RecordType):
-            return tuple(state(v, f, (*at, k)) for k, (_, f) in enumerate(t.fields))
+            return tuple(state_tree(v, f, (*at, k)) for k, (_, f) in enumerate(t.fields))
         if isinstance(t, ArrayType):
-            return tuple(state(v, t.element, (*at, k)) for k in range(t.size))
+            return tuple(state_tree(v, t.element, (*at, k)) for k in range(t.size))
         span = ranges.get((v.name, _path_of(v, at)), ANY)
         return Slope(*span, {number[v, at]: (1.0, 1.0)} if (v, at) in number else {})
 
-    variables: dict[typed.Variable, Tree] = {v: state(v, v.type) for v in plant.states}
+    variables: dict[typed.Variable, Tree] = {v: state_tree(v, v.type) for v in plant.states}
     for d in c.disturbances:
         variables[d.variable] = uniform_tree(d.variable.type, Slope(d.low, d.high))
     slopes = Slopes(variables, lambda t: _topic_tree(system, c, t), lambda p: c.scope.params[p])
@@ -401,7 +401,7 @@ def _topic_tree(system: System, c: Component, symbol: typed.TopicSymbol) -> Tree
 # ---------------------------------------------------------------- what belongs together
 
 
-def _circles(jacobian: Sequence[Sequence[Range]]) -> list[list[int]]:
+def _circles_of_states(jacobian: Sequence[Sequence[Range]]) -> list[list[int]]:
     """Gives groups of states that depend on each other in a circle; each state is in one group."""
     n = len(jacobian)
     reach = [{j for j in range(n) if jacobian[i][j] != (0.0, 0.0)} for i in range(n)]
@@ -418,8 +418,8 @@ def _circles(jacobian: Sequence[Sequence[Range]]) -> list[list[int]]:
     return circles
 
 
-def _matrices(jacobian: Sequence[Sequence[Range]], block: Sequence[int]) -> list[Matrix]:
-    """Gives the Jacobian of `block` if it is exact; for one state both bounds; else none."""
+def _end_matrices(jacobian: Sequence[Sequence[Range]], block: Sequence[int]) -> list[Matrix]:
+    """Gives the Jacobian of `block` if it is exact; for one state both bounds; else []."""
     ends = [jacobian[i][j] for i in block for j in block]
     n = len(block)
     if n > TOGETHER_MAX or not all(math.isfinite(x) for r in ends for x in r):
@@ -433,19 +433,19 @@ def _matrices(jacobian: Sequence[Sequence[Range]], block: Sequence[int]) -> list
 # ---------------------------------------------------------------- growth
 
 
-def _growth(a: Matrix, step: float, order: int) -> float | None:
-    """Gives by which factor a step grows that diverges though the solution does not; or None."""
+def _bad_growth(a: Matrix, step: float, order: int) -> float | None:
+    """Gives the factor by which a step grows if only the scheme diverges; else None."""
     z = [[x * step for x in row] for row in a]
-    scheme = _spectral_radius(_polynomial(z, order))
+    scheme = _spectral_radius(_scheme_polynomial(z, order))
     parts = 2 ** max(0, math.ceil(math.log2(max(_matrix_norm(z), 1e-300))) + 4)
     small = [[x / parts for x in row] for row in z]
-    exact = parts * math.log(max(_spectral_radius(_polynomial(small, 12)), 1e-300))
+    exact = parts * math.log(max(_spectral_radius(_scheme_polynomial(small, 12)), 1e-300))
     grows = math.log(max(scheme, 1e-300))
     return scheme if grows > max(exact, 0.0) + GROWS else None
 
 
-def _polynomial(z: Matrix, order: int) -> Matrix:
-    """Gives 1 + z + ... + z^order / order!, by which a step multiplies the states."""
+def _scheme_polynomial(z: Matrix, order: int) -> Matrix:
+    """Gives the matrix 1 + z + ... + z^order / order!, by which a step multiplies the states."""
     n = len(z)
     total = [[float(i == j) for j in range(n)] for i in range(n)]
     power = [row[:] for row in total]

@@ -67,7 +67,7 @@ def compared_operands(e: t.TypedExpr) -> tuple[t.TypedExpr, ...]:
 
 @dataclass(eq=False, repr=False)
 class _Operand(t.TypedExpr):
-    """The value of a compared operand, which faults at once if it is NaN."""
+    """A compared operand; its evaluation is a StepFault if its value is NaN."""
 
     value: t.TypedExpr
 
@@ -87,17 +87,17 @@ class PredicateEvaluator(Evaluator):
     ) -> None:
         super().__init__(params, externs, budget, **names)
         self._prelude = Evaluator({})
-        self.looked_at: frozenset[t.TypedExpr] | None = None
-        """Only these operands are checked for NaN; None: all. Set it before compiling."""
+        self.nan_checks: frozenset[t.TypedExpr] | None = None
+        """The operands that are checked for NaN; None: all. Set this before compiling."""
 
-    def function(self, fun: t.FunSymbol) -> Callable[[Environment, Sequence[Value]], Value]:
-        """Compiles a function as `Evaluator` does; those of the prelude have no checks for NaN."""
-        return self._prelude.function(fun) if fun.prelude else super().function(fun)
+    def closure_of(self, fun: t.FunSymbol) -> Callable[[Environment, Sequence[Value]], Value]:
+        """Gives a function's closure as `Evaluator` does; the prelude's have no checks for NaN."""
+        return self._prelude.closure_of(fun) if fun.prelude else super().closure_of(fun)
 
-    def _comparing(self, e: Any) -> Compiled:  # noqa: ANN401 - a binary or a builtin operation
+    def _compile_compared(self, e: Any) -> Compiled:  # noqa: ANN401 - binary or builtin
         compared = compared_operands(e)
-        if self.looked_at is not None:
-            compared = tuple([x for x in compared if x in self.looked_at])
+        if self.nan_checks is not None:
+            compared = tuple([x for x in compared if x in self.nan_checks])
         if isinstance(e, t.Builtin):
             e = replace(e, arguments=_with_nan_checks(e.arguments, compared))
         else:
@@ -105,24 +105,24 @@ class PredicateEvaluator(Evaluator):
             e = replace(e, left=left, right=right)
         return ExpressionEvaluator._EXPRESSIONS[type(e)](self, e)  # noqa: SLF001
 
-    def _operand(self, e: _Operand) -> Compiled:
+    def _compile_operand(self, e: _Operand) -> Compiled:
         value, span = self._compile(e.value), e.span
 
-        def number(env: Environment) -> Value:
+        def value_without_nan(env: Environment) -> Value:
             found = value(env)
             if has_nan(found):
                 raise StepFault(FaultKind.NONFINITE, span, "a NaN is compared")
             return found
 
-        return number
+        return value_without_nan
 
     _EXPRESSIONS: ClassVar[
         dict[type[t.TypedExpr], Callable[[ExpressionEvaluator, Any], Compiled]]
     ] = {
         **ExpressionEvaluator._EXPRESSIONS,  # noqa: SLF001 - the table that it extends
-        t.TypedBinary: _comparing,  # type: ignore[dict-item]
-        t.Builtin: _comparing,  # type: ignore[dict-item]
-        _Operand: _operand,  # type: ignore[dict-item]
+        t.TypedBinary: _compile_compared,  # type: ignore[dict-item]
+        t.Builtin: _compile_compared,  # type: ignore[dict-item]
+        _Operand: _compile_operand,  # type: ignore[dict-item]
     }
 
 
@@ -141,15 +141,15 @@ def has_nan(value: Value) -> bool:
 
 BUDGET = 20_000
 TURNS = 3
-"""Rounds of a loop, after which variables that still change may be anything of their type."""
+"""Rounds of a loop; variables that change even later may have any value of their type."""
 TIMES = Range(0.0, 1e10)
 """The range of times in seconds: more than 64 bits of nanoseconds hold."""
 
 
 def maybe_nan(system: System, module: Module, *more: t.TypedExpr) -> frozenset[t.TypedExpr]:
-    """Gives compared operands that may be NaN in `ttf`, `safer`, `progress` and `more`.
+    """Gives compared operands that may be NaN in `ttf`, `safer` and `progress`.
 
-    `more` consists of these expressions. An operand of a called function counts in all calls.
+    It also looks at the expressions `more`. An operand of a called function counts in all calls.
     """
     symbol = module.symbol
     found: set[t.TypedExpr] = set()
@@ -166,7 +166,7 @@ def maybe_nan(system: System, module: Module, *more: t.TypedExpr) -> frozenset[t
 
 
 def operands_compared_by(fun: t.FunSymbol) -> set[t.TypedExpr]:
-    """Gives all operands that a function or its callees compare; none of the prelude's."""
+    """Gives the operands that a function or its callees compare; none for the prelude."""
     return set() if fun.prelude else operands_compared_in(*(fun.body or ()))
 
 
@@ -192,20 +192,20 @@ class _NanFinder(RangeEvaluator):
     """Evaluates code over ranges, and collects in `found` compared operands that may be NaN."""
 
     def __init__(self, system: System, module: Module) -> None:
-        super().__init__(module.scope, module.period_ns, lambda place: _range_read(system, place))
+        super().__init__(module.scope, module.period_ns, lambda place: _range_at(system, place))
         self.system = system
         self.left = BUDGET
         self.compared: set[t.TypedExpr] = set()
         self.found: set[t.TypedExpr] = set()
 
     def evaluate(self, e: t.TypedExpr) -> Known:
-        """Evaluates as the base class does; also notes `e` if it is compared and may be NaN."""
+        """Gives the range as the base class does; notes `e` if it is compared and may be NaN."""
         known = super().evaluate(e)
         if e in self.compared and any(r.nan for r in self._leaves(known, e.type)):
             self.found.add(e)
         return known
 
-    def _comparing(self, e: Any) -> Known:  # noqa: ANN401 - a binary or a builtin operation
+    def _range_compared(self, e: Any) -> Known:  # noqa: ANN401 - binary or builtin
         self.compared |= set(compared_operands(e))
         return RangeEvaluator.EXPRESSIONS[type(e)](self, e)
 
@@ -218,12 +218,12 @@ class _NanFinder(RangeEvaluator):
         if e.fun.body is None:
             return all_values(e.type)
         if e.fun.name in TOTAL:
-            arguments = [self._scalar(g, a.type) for g, a in zip(values, e.arguments, strict=True)]
+            arguments = [self._range(g, a.type) for g, a in zip(values, e.arguments, strict=True)]
             return range_of_prelude(e.fun.name, arguments)
         outside, self.variables = self.variables, dict(zip(e.fun.parameters, values, strict=True))
         compared, found, self.compared, self.found = self.compared, self.found, set(), set()
         try:
-            returned, _ = self._run(e.fun.body, None, e.type)
+            returned, _ = self._run_body(e.fun.body, None, e.type)
         finally:
             self.variables, self.compared, self.found = outside, compared, found
         return all_values(e.type) if returned is None else returned
@@ -238,12 +238,12 @@ class _NanFinder(RangeEvaluator):
     def _range_of_index(self, e: t.Index) -> Known:
         target = e.target
         if isinstance(target, t.Literal) and isinstance(e.type, FloatType):
-            self.number(e.index)
+            self.bounds(e.index)
             return self._table_range(target)
         known, of = self.evaluate(target), target.type
         long = isinstance(of, ListType) or (isinstance(of, ArrayType) and of.size > ELEMENTS)
         if long and isinstance(known, ReadPlace) and known.kind == "topic":
-            self.number(e.index)
+            self.bounds(e.index)
             return _finite_values(e.type)
         return super()._range_of_index(e)
 
@@ -265,7 +265,7 @@ class _NanFinder(RangeEvaluator):
         if not isinstance(s, (t.TypedAssign, t.TypedPush)):
             return super()._run_plain(s)
         variable, path = s.place.variable, s.place.path
-        steps = [Range(k, k) if isinstance(k, int) else self.number(k) for k in path]
+        steps = [Range(k, k) if isinstance(k, int) else self.bounds(k) for k in path]
         value = self.evaluate(s.value)
         if isinstance(s, t.TypedAssign):
             old = self.variables.get(variable, UNKNOWN)
@@ -275,18 +275,18 @@ class _NanFinder(RangeEvaluator):
         return True
 
     def _with_part(self, old: Known, of: Type, steps: list[Range], value: Known) -> Known:
-        """Gives `old` with a part, at one of the places `steps`, that may be `value` now."""
+        """Gives `old` in which the part at one of the places `steps` may now be `value`."""
         if not steps:
             return value
         (at, *rest), parts = steps, []
         if isinstance(of, ListType):
             return UNKNOWN
-        for k, (part, t_) in enumerate(self._parts(old, of)):
-            if not at.has(k):
+        for k, (part, t_) in enumerate(self._split(old, of)):
+            if not at.holds(k):
                 parts.append(part)
                 continue
             new = self._with_part(part, t_, rest, value)
-            parts.append(new if at.single else self._joined(part, new, t_))
+            parts.append(new if at.single else self._hull(part, new, t_))
         return tuple(parts)
 
     def _run_loop(self, s: t.ForRange | t.ForEach, returned: Known, of: Type) -> tuple[Known, bool]:
@@ -301,8 +301,8 @@ class _NanFinder(RangeEvaluator):
         while True:
             before = dict(self.variables)
             self.variables[s.variable] = item
-            returned, falls = self._run(s.body, returned, of)
-            after = self._merged_ends([before, *([self.variables] if falls else [])], before)
+            returned, falls = self._run_body(s.body, returned, of)
+            after = self._merged_variables([before, *([self.variables] if falls else [])], before)
             if after == before:
                 self.variables = before
                 return returned, True
@@ -318,12 +318,12 @@ class _NanFinder(RangeEvaluator):
             return _finite_values(of.element)
         if not isinstance(whole, tuple) or not whole or isinstance(of, ListType):
             return all_values(of.element)
-        return self._union(whole, of.element)
+        return self._hull_of_all(whole, of.element)
 
     EXPRESSIONS: ClassVar[dict[type[t.TypedExpr], Callable[[Any, Any], Known]]] = {
         **RangeEvaluator.EXPRESSIONS,
-        t.TypedBinary: _comparing,
-        t.Builtin: _comparing,
+        t.TypedBinary: _range_compared,
+        t.Builtin: _range_compared,
         t.TypedCall: _range_of_call,
         t.Literal: _range_of_literal,
         t.Index: _range_of_index,
@@ -331,8 +331,8 @@ class _NanFinder(RangeEvaluator):
     }
 
 
-def _range_read(system: System, place: ReadPlace) -> Range:
-    """Gives the range of what may be read at a place; a topic's numbers are in its set."""
+def _range_at(system: System, place: ReadPlace) -> Range:
+    """Gives the range of the values that a place may have; a topic's are in its set."""
     if place.kind == "topic" and not has_list(system.topics[place.index].type):
         return range_in_set(system.topics[place.index], place)
     if place.kind in ("time", "age", "margin"):

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from soter.language.evaluate import ranges
 from soter.language.evaluate.ranges import ANY_FLOAT, ANY_INT, EITHER, FALSE, TRUE, Faults, Range
 from soter.language.model import typed as t
-from soter.language.model.tree_walk import same_expression
+from soter.language.model.tree_walk import are_same_expression
 from soter.language.model.types import (
     ArrayType,
     BoolType,
@@ -47,7 +47,7 @@ COMPARISONS = {"<", "<=", ">", ">=", "==", "!="}
 
 
 class TooHardError(Exception):
-    """The evaluation needs more operations than the budget has, or code that is not followed."""
+    """The evaluation takes more operations than the budget, or meets code that it cannot follow."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def all_values(of: Type) -> Known:
 
 
 def constant_range(of: Type, value: Value) -> Known:
-    """Gives one value of a type, in ranges of a single number."""
+    """Gives a value as what is known of it: ranges of a single number each."""
     if isinstance(of, (RecordType, ArrayType)):
         parts = [f for _, f in of.fields] if isinstance(of, RecordType) else [of.element] * of.size
         return tuple([constant_range(p, v) for p, v in zip(parts, value, strict=True)])
@@ -92,7 +92,7 @@ def constant_range(of: Type, value: Value) -> Known:
 
 
 class RangeEvaluator:
-    """Evaluates code of one scope; `read` gives the range of a scalar that is read."""
+    """Evaluates code of one scope over ranges; `read` gives the range of a scalar place."""
 
     def __init__(self, scope: Scope, period_ns: int, read: Callable[[ReadPlace], Range]) -> None:
         self.scope = scope
@@ -111,18 +111,18 @@ class RangeEvaluator:
         made = self.EXPRESSIONS.get(type(e))
         return all_values(e.type) if made is None else made(self, e)
 
-    def number(self, e: t.TypedExpr) -> Range:
-        """Gives the range of a scalar expression; `TooHardError` as `evaluate`."""
-        return self._scalar(self.evaluate(e), e.type)
+    def bounds(self, e: t.TypedExpr) -> Range:
+        """Gives the range of a scalar expression; may raise TooHardError."""
+        return self._range(self.evaluate(e), e.type)
 
-    def part(self, e: t.TypedExpr, place: ReadPlace) -> Range:
-        """The range of the scalar at a place in the value of `e`; `TooHardError` as `evaluate`."""
+    def bounds_of_part(self, e: t.TypedExpr, place: ReadPlace) -> Range:
+        """Gives the range of the scalar at a place in the value of `e`; may raise TooHardError."""
         known = self.evaluate(e)
         for index in place.path:
             known = known[index] if isinstance(known, tuple) else UNKNOWN
-        return self._scalar(known, place.type)
+        return self._range(known, place.type)
 
-    def _scalar(self, known: Known, of: Type) -> Range:
+    def _range(self, known: Known, of: Type) -> Range:
         if isinstance(known, ReadPlace):
             known = self._read(known)
         if not isinstance(known, Range):
@@ -171,38 +171,38 @@ class RangeEvaluator:
 
     def _range_of_unary(self, e: t.TypedUnary) -> Known:
         if e.op == "!":
-            return ranges.not_range(self.number(e.operand))
+            return ranges.negated_truth(self.bounds(e.operand))
         if isinstance(e.type, FloatType):
-            a = self.number(e.operand)
+            a = self.bounds(e.operand)
             return Range(-a.high, -a.low, a.nan)
         if isinstance(e.type, (IntType, DurationType)):
-            a = self.number(e.operand)
+            a = self.bounds(e.operand)
             return ranges.int_range(-int(a.high), -int(a.low), self.faults)
         return self._map(self.evaluate(e.operand), e.type, lambda a: Range(-a.high, -a.low, a.nan))
 
     def _range_of_binary(self, e: t.TypedBinary) -> Known:
         if e.op in {"&&", "||"}:
             return self._range_of_logical(e)
-        a, b = self.number(e.left), self.number(e.right)
+        a, b = self.bounds(e.left), self.bounds(e.right)
         if e.op in COMPARISONS:
-            return ranges.comparison_range(e.op, a, b, same=same_expression(e.left, e.right))
-        if e.op == "-" and same_expression(e.left, e.right):
+            return ranges.comparison_range(e.op, a, b, same=are_same_expression(e.left, e.right))
+        if e.op == "-" and are_same_expression(e.left, e.right):
             return ranges.zero_difference(a)
         if not isinstance(e.type, FloatType):
             return ranges.int_operation(e.op, a, b, self.faults)
         if e.op == "/":
             return ranges.float_divide(a, b, self.faults)
         if e.op == "*":
-            return ranges.float_multiply(a, b, same=same_expression(e.left, e.right))
+            return ranges.float_multiply(a, b, same=are_same_expression(e.left, e.right))
         return (ranges.float_add if e.op == "+" else ranges.float_subtract)(a, b)
 
     def _range_of_logical(self, e: t.TypedBinary) -> Known:
-        """Gives the range of `and`, `or`; a fault on the right counts unless the left decides."""
+        """Gives the range of `&&` or `||`; the right side is not evaluated if the left decides."""
         decides = FALSE if e.op == "&&" else TRUE
-        a = self.number(e.left)
+        a = self.bounds(e.left)
         if a == decides:
             return decides
-        b = self.number(e.right)
+        b = self.bounds(e.right)
         return b if a.single else decides if b == decides else EITHER
 
     def _range_of_vector(self, e: t.Vector) -> Known:
@@ -210,35 +210,35 @@ class RangeEvaluator:
         if e.op in {"+", "-"}:
             of = ranges.float_add if e.op == "+" else ranges.float_subtract
             pairs = zip(self._leaves(left, e.type), self._leaves(right, e.type), strict=True)
-            return self._shaped(e.type, iter([of(a, b) for a, b in pairs]))
+            return self._value_of_leaves(e.type, iter([of(a, b) for a, b in pairs]))
         if isinstance(e.left.type, FloatType):
-            x = self._scalar(left, e.left.type)
+            x = self._range(left, e.left.type)
             return self._map(right, e.type, lambda a: ranges.float_multiply(x, a))
-        x = self._scalar(right, e.right.type)
+        x = self._range(right, e.right.type)
         if e.op == "/":
             return self._map(left, e.type, lambda a: ranges.float_divide(a, x, self.faults))
         return self._map(left, e.type, lambda a: ranges.float_multiply(a, x))
 
     def _range_of_conditional(self, e: t.Conditional) -> Known:
-        c = self.number(e.condition)
+        c = self.bounds(e.condition)
         if c.single:
             return self.evaluate(e.then if c == TRUE else e.otherwise)
-        return self._joined(self.evaluate(e.then), self.evaluate(e.otherwise), e.type)
+        return self._hull(self.evaluate(e.then), self.evaluate(e.otherwise), e.type)
 
     def _range_of_narrow(self, e: t.Narrow) -> Known:
         assert isinstance(e.type, IntType)
-        return ranges.range_in_type(self.number(e.operand), e.type.low, e.type.high, self.faults)
+        return ranges.range_in_type(self.bounds(e.operand), e.type.low, e.type.high, self.faults)
 
     def _range_of_builtin(self, e: t.Builtin) -> Known:
         name, of = e.name, e.arguments[0].type
         if name in {"dot", "norm", "saturate"}:
             return self._range_of_vector_builtin(e)
-        a = self.number(e.arguments[0])
+        a = self.bounds(e.arguments[0])
         if name in {"min", "max"}:
-            b = self.number(e.arguments[1])
+            b = self.bounds(e.arguments[1])
             return ranges.minimum(a, b) if name == "min" else ranges.maximum(a, b)
         if name == "abs":
-            magnitude = ranges.absolute(a)
+            magnitude = ranges.absolute_range(a)
             if isinstance(of, FloatType):
                 return magnitude
             return ranges.int_range(int(magnitude.low), int(magnitude.high), self.faults)
@@ -255,7 +255,7 @@ class RangeEvaluator:
     def _range_of_vector_builtin(self, e: t.Builtin) -> Known:
         first = self.evaluate(e.arguments[0])
         if e.name == "saturate":
-            limit = self.number(e.arguments[1])
+            limit = self.bounds(e.arguments[1])
             below = Range(-limit.high, -limit.low, limit.nan)
             of = e.arguments[0].type
             return self._map(first, of, lambda a: ranges.minimum(ranges.maximum(a, below), limit))
@@ -278,7 +278,7 @@ class RangeEvaluator:
         outside, left, faulted = self.variables, self.left, self.faults.possible
         self.variables = dict(zip(e.fun.parameters, values, strict=True))
         try:
-            returned, _ = self._run(e.fun.body, None, e.type)
+            returned, _ = self._run_body(e.fun.body, None, e.type)
         except (RecursionError, TooHardError):
             if not e.fun.prelude:
                 raise TooHardError from None
@@ -290,16 +290,16 @@ class RangeEvaluator:
             self.faults.possible = faulted
         if not (e.fun.prelude and e.fun.name in ranges.TOTAL):
             return known
-        numbers = [self._scalar(g, a.type) for g, a in zip(values, e.arguments, strict=True)]
-        return self._scalar(known, e.type).overlap(ranges.range_of_prelude(e.fun.name, numbers))
+        numbers = [self._range(g, a.type) for g, a in zip(values, e.arguments, strict=True)]
+        return self._range(known, e.type).overlap(ranges.range_of_prelude(e.fun.name, numbers))
 
     # ------------------------------------------------------------ structure
 
     def _range_of_field(self, e: t.TypedField) -> Known:
-        return self._part(self.evaluate(e.target), e.index, e.type)
+        return self._part_of(self.evaluate(e.target), e.index, e.type)
 
     def _range_of_index(self, e: t.Index) -> Known:
-        target, at = self.evaluate(e.target), self.number(e.index)
+        target, at = self.evaluate(e.target), self.bounds(e.index)
         of = e.target.type
         if not isinstance(of, ArrayType) or of.size > ELEMENTS or target is UNKNOWN:
             self.faults.possible = True
@@ -308,8 +308,8 @@ class RangeEvaluator:
         union: Known = None
         for i in range(max(int(at.low), 0), min(int(at.high), of.size - 1) + 1):
             self.left -= 1
-            part = self._part(target, i, e.type)
-            union = part if union is None else self._joined(union, part, e.type)
+            part = self._part_of(target, i, e.type)
+            union = part if union is None else self._hull(union, part, e.type)
         return all_values(e.type) if union is None else union
 
     def _range_of_length(self, e: t.TypedLength) -> Known:
@@ -329,18 +329,18 @@ class RangeEvaluator:
     def _range_of_choose(self, e: t.TypedChoose) -> Known:
         if not e.options:
             return Range(e.low, e.low + e.count - 1)
-        return self._union(map(self.evaluate, e.options), e.type)
+        return self._hull_of_all(map(self.evaluate, e.options), e.type)
 
-    def _union(self, parts: Iterable[Known], of: Type) -> Known:
+    def _hull_of_all(self, parts: Iterable[Known], of: Type) -> Known:
         """Gives a range that covers one or more values of one type."""
-        return reduce(lambda union, part: self._joined(union, part, of), parts)
+        return reduce(lambda union, part: self._hull(union, part, of), parts)
 
-    def _part(self, whole: Known, index: int, of: Type) -> Known:
+    def _part_of(self, whole: Known, index: int, of: Type) -> Known:
         if isinstance(whole, ReadPlace):
             return ReadPlace(whole.kind, whole.index, of, (*whole.path, index))
         return whole[index] if isinstance(whole, tuple) else all_values(of)
 
-    def _parts(self, whole: Known, of: Type) -> list[tuple[Known, Type]]:
+    def _split(self, whole: Known, of: Type) -> list[tuple[Known, Type]]:
         """Gives the parts of a record or an array, with their types."""
         if isinstance(of, RecordType):
             types = [f for _, f in of.fields]
@@ -349,22 +349,22 @@ class RangeEvaluator:
         else:
             raise TooHardError
         self.left -= len(types)
-        return [(self._part(whole, i, part), part) for i, part in enumerate(types)]
+        return [(self._part_of(whole, i, part), part) for i, part in enumerate(types)]
 
     def _leaves(self, whole: Known, of: Type) -> list[Range]:
         if isinstance(of, (RecordType, ArrayType)):
-            return [x for part, at in self._parts(whole, of) for x in self._leaves(part, at)]
-        return [self._scalar(whole, of)]
+            return [x for part, at in self._split(whole, of) for x in self._leaves(part, at)]
+        return [self._range(whole, of)]
 
-    def _shaped(self, of: Type, flat: Any) -> Known:  # noqa: ANN401 - an iterator of ranges
+    def _value_of_leaves(self, of: Type, flat: Any) -> Known:  # noqa: ANN401 - an iterator of ranges
         if isinstance(of, (RecordType, ArrayType)):
-            return tuple([self._shaped(at, flat) for _, at in self._parts(UNKNOWN, of)])
+            return tuple([self._value_of_leaves(at, flat) for _, at in self._split(UNKNOWN, of)])
         return next(flat)
 
     def _map(self, whole: Known, of: Type, do: Callable[[Range], Range]) -> Known:
-        return self._shaped(of, iter([do(a) for a in self._leaves(whole, of)]))
+        return self._value_of_leaves(of, iter([do(a) for a in self._leaves(whole, of)]))
 
-    def _joined(self, a: Known, b: Known, of: Type) -> Known:
+    def _hull(self, a: Known, b: Known, of: Type) -> Known:
         """Gives a range that covers both `a` and `b`, of one type."""
         if a is b or a == b:
             return a
@@ -373,25 +373,27 @@ class RangeEvaluator:
                 return all_values(of)
             return tuple(
                 [
-                    self._joined(x, y, at)
-                    for (x, at), (y, _) in zip(self._parts(a, of), self._parts(b, of), strict=True)
+                    self._hull(x, y, at)
+                    for (x, at), (y, _) in zip(self._split(a, of), self._split(b, of), strict=True)
                 ]
             )
         if a is UNKNOWN or b is UNKNOWN:
             return all_values(of)
-        return self._scalar(a, of).union(self._scalar(b, of))
+        return self._range(a, of).union(self._range(b, of))
 
     # ------------------------------------------------------------ statements
 
-    def _run(self, body: tuple[t.TypedStmt, ...], returned: Known, of: Type) -> tuple[Known, bool]:
-        """Gives the range of what a body or `returned` may return, and if its end is reachable."""
+    def _run_body(
+        self, body: tuple[t.TypedStmt, ...], returned: Known, of: Type
+    ) -> tuple[Known, bool]:
+        """Gives the range of the returned values, with `returned`; and if the end is reachable."""
         for s in body:
             self.left -= 1
             if self.left < 0:
                 raise TooHardError
             if isinstance(s, t.TypedReturn):
                 value = self.evaluate(s.value)
-                return value if returned is None else self._joined(returned, value, of), False
+                return value if returned is None else self._hull(returned, value, of), False
             if isinstance(s, t.TypedIf):
                 returned, falls = self._run_if(s, returned, of)
             elif isinstance(s, (t.ForRange, t.ForEach)):
@@ -403,7 +405,7 @@ class RangeEvaluator:
         return returned, True
 
     def _run_plain(self, s: t.TypedStmt) -> bool:
-        """Runs a statement without others in it; gives whether the next one is reachable."""
+        """Runs a statement that contains no other; gives whether the next one is reachable."""
         if isinstance(s, t.TypedDeclare):
             self.variables[s.variable] = self.evaluate(s.value)
         elif isinstance(s, t.TypedAssign):
@@ -417,7 +419,7 @@ class RangeEvaluator:
             self.faults.possible = True
             self.variables[s.place.variable] = all_values(s.place.variable.type)
         elif isinstance(s, t.Assert):
-            held = self.number(s.condition)
+            held = self.bounds(s.condition)
             self.faults.note_fault_unless(held == TRUE)
             return held != FALSE
         else:
@@ -428,10 +430,10 @@ class RangeEvaluator:
         before, ends = self.variables, []
         open_ = True
         for condition, body in s.arms:
-            held = self.number(condition)
+            held = self.bounds(condition)
             if held != FALSE:
                 self.variables = dict(before)
-                returned, falls = self._run(body, returned, of)
+                returned, falls = self._run_body(body, returned, of)
                 ends += [self.variables] if falls else []
                 self.variables = before
             if held == TRUE:
@@ -439,12 +441,12 @@ class RangeEvaluator:
                 break
         if open_:
             self.variables = dict(before)
-            returned, falls = self._run(s.otherwise, returned, of)
+            returned, falls = self._run_body(s.otherwise, returned, of)
             ends += [self.variables] if falls else []
-        self.variables = self._merged_ends(ends, before)
+        self.variables = self._merged_variables(ends, before)
         return returned, bool(ends)
 
-    def _merged_ends(
+    def _merged_variables(
         self, ends: list[dict[t.Variable, Known]], before: Mapping[t.Variable, Known]
     ) -> dict[t.Variable, Known]:
         if not ends:
@@ -452,7 +454,7 @@ class RangeEvaluator:
         merged = dict(ends[0])
         for other in ends[1:]:
             shared = [v for v in merged if v in other]
-            merged = {v: self._joined(merged[v], other[v], v.type) for v in shared}
+            merged = {v: self._hull(merged[v], other[v], v.type) for v in shared}
         return merged
 
     def _run_loop(self, s: t.ForRange | t.ForEach, returned: Known, of: Type) -> tuple[Known, bool]:
@@ -460,12 +462,12 @@ class RangeEvaluator:
             rounds: list[Known] = [Range(i, i) for i in range(s.low, s.high)[: ROUNDS + 1]]
         else:
             sequence = self.evaluate(s.sequence)
-            rounds = [part for part, _ in self._parts(sequence, s.sequence.type)]
+            rounds = [part for part, _ in self._split(sequence, s.sequence.type)]
         if len(rounds) > ROUNDS:
             raise TooHardError
         for value in rounds:
             self.variables[s.variable] = value
-            returned, falls = self._run(s.body, returned, of)
+            returned, falls = self._run_body(s.body, returned, of)
             if not falls:
                 return returned, False
         return returned, True

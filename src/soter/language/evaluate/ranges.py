@@ -39,7 +39,7 @@ class Range:
 
     @property
     def single(self) -> bool:
-        """Whether the range is one number; two zeros of different sign count as one."""
+        """Whether the range holds a single number; zeros of either sign count as one."""
         return self.low == self.high and not self.nan
 
     def union(self, other: Range) -> Range:
@@ -48,11 +48,11 @@ class Range:
         return Range(low, high, self.nan or other.nan)
 
     def overlap(self, other: Range) -> Range:
-        """Gives the range of the numbers that are in both ranges, which must have one."""
+        """Gives the range of the numbers in both ranges; there must be such a number."""
         low, high = max(self.low, other.low), min(self.high, other.high)
         return Range(low, high, self.nan and other.nan)
 
-    def has(self, value: float) -> bool:
+    def holds(self, value: float) -> bool:
         """Whether a number is in the range."""
         return self.low <= value <= self.high
 
@@ -69,7 +69,7 @@ class Faults:
         self.possible = False
 
     def note_fault_unless(self, fine: bool) -> None:
-        """Notes that a fault is possible, unless `fine`."""
+        """Sets `possible` unless the operation is surely `fine`."""
         self.possible |= not fine
 
 
@@ -78,13 +78,13 @@ def truth_range(surely: bool, never: bool) -> Range:
     return TRUE if surely else FALSE if never else EITHER
 
 
-def not_range(a: Range) -> Range:
+def negated_truth(a: Range) -> Range:
     """Gives the range of `!a`."""
     return Range(1 - a.high, 1 - a.low)
 
 
 def range_of_prelude(name: str, arguments: list[Range]) -> Range:
-    """Gives the range of a function of TOTAL; with NaN if arguments may leave its domain."""
+    """Gives the range of a function in TOTAL; it has NaN if an argument may be out of domain."""
     from soter.language.prelude.function_error_bounds import BOUNDS  # noqa: PLC0415 - rarely asked
 
     bound = BOUNDS[name]
@@ -100,9 +100,9 @@ def range_of_prelude(name: str, arguments: list[Range]) -> Range:
 
 
 def comparison_range(op: str, a: Range, b: Range, *, same: bool = False) -> Range:
-    """Gives the truth of a comparison; `same`: both sides are one expression, equal unless NaN."""
+    """Gives the truth of `a op b`; `same`: both sides are one expression, equal unless NaN."""
     if op == "!=":
-        return not_range(comparison_range("==", a, b, same=same))
+        return negated_truth(comparison_range("==", a, b, same=same))
     if op in {">", ">="}:
         return comparison_range({">": "<", ">=": "<="}[op], b, a, same=same)
     number = not (a.nan or b.nan)
@@ -119,9 +119,9 @@ def comparison_range(op: str, a: Range, b: Range, *, same: bool = False) -> Rang
 # ---------------------------------------------------------------- floats
 
 
-def _monotone_range(of: Callable[[float, float], float], a: Range, b: Range) -> Range:
+def _range_of_monotone(op: Callable[[float, float], float], a: Range, b: Range) -> Range:
     """Gives the range of a monotone operation's results on two ranges."""
-    ends = [of(x, y) for x in (a.low, a.high) for y in (b.low, b.high)]
+    ends = [op(x, y) for x in (a.low, a.high) for y in (b.low, b.high)]
     if a.nan or b.nan or any(math.isnan(x) for x in ends):
         return ANY_FLOAT
     return Range(min(ends), max(ends))
@@ -129,7 +129,7 @@ def _monotone_range(of: Callable[[float, float], float], a: Range, b: Range) -> 
 
 def float_add(a: Range, b: Range) -> Range:
     """Gives the range of `a + b`."""
-    return _monotone_range(lambda x, y: x + y, a, b)
+    return _range_of_monotone(lambda x, y: x + y, a, b)
 
 
 def zero_difference(a: Range) -> Range:
@@ -139,15 +139,15 @@ def zero_difference(a: Range) -> Range:
 
 def float_subtract(a: Range, b: Range) -> Range:
     """Gives the range of `a - b`."""
-    return _monotone_range(lambda x, y: x - y, a, b)
+    return _range_of_monotone(lambda x, y: x - y, a, b)
 
 
 def float_multiply(a: Range, b: Range, *, same: bool = False) -> Range:
     """Gives the range of `a * b`; NaN is possible for zero times infinity."""
     endless = any(math.isinf(x) for x in (a.low, a.high, b.low, b.high))
-    if endless and (a.has(0.0) or b.has(0.0)):
+    if endless and (a.holds(0.0) or b.holds(0.0)):
         return ANY_FLOAT if not (same and not a.nan) else Range(0.0, INF)
-    product = _monotone_range(lambda x, y: x * y, a, b)
+    product = _range_of_monotone(lambda x, y: x * y, a, b)
     return (
         Range(max(product.low, 0.0), product.high, product.nan)
         if same and not product.nan
@@ -157,11 +157,11 @@ def float_multiply(a: Range, b: Range, *, same: bool = False) -> Range:
 
 def float_divide(a: Range, b: Range, faults: Faults) -> Range:
     """Gives the range of `a / b`; notes a fault if b may be zero."""
-    faults.note_fault_unless(not b.has(0.0) and not b.nan)
+    faults.note_fault_unless(not b.holds(0.0) and not b.nan)
     endless = [math.isinf(x.low) or math.isinf(x.high) for x in (a, b)]
-    if b.has(0.0) or all(endless) or a.nan or b.nan:
+    if b.holds(0.0) or all(endless) or a.nan or b.nan:
         return Range(-INF, INF, nan=all(endless) or a.nan or b.nan)
-    return _monotone_range(lambda x, y: x / y, a, b)
+    return _range_of_monotone(lambda x, y: x / y, a, b)
 
 
 def square_root(a: Range) -> Range:
@@ -182,10 +182,10 @@ def maximum(a: Range, b: Range) -> Range:
     return bounds.union(a) if b.nan else bounds.union(Range(b.low, b.high)) if a.nan else bounds
 
 
-def absolute(a: Range) -> Range:
+def absolute_range(a: Range) -> Range:
     """Gives the range of `abs(a)` of a float."""
     ends = abs(a.low), abs(a.high)
-    low = type(a.low)(0) if a.has(0) else min(ends)
+    low = type(a.low)(0) if a.holds(0) else min(ends)
     return Range(low, max(ends), a.nan)
 
 
@@ -193,7 +193,7 @@ def absolute(a: Range) -> Range:
 
 
 def int_range(low: int, high: int, faults: Faults) -> Range:
-    """Gives a result limited to 64 bits; notes a fault if it may lie outside."""
+    """Gives the range [low, high] limited to 64 bits; notes a fault if it lies partly outside."""
     faults.note_fault_unless(low >= INT_MIN and high <= INT_MAX)
     return Range(max(low, INT_MIN), max(min(high, INT_MAX), low, INT_MIN))
 
@@ -205,12 +205,12 @@ def int_operation(op: str, a: Range, b: Range, faults: Faults) -> Range:
         of = {"+": int.__add__, "-": int.__sub__, "*": int.__mul__}[op]
         ends = [of(x, y) for x in xs for y in ys]
         return int_range(min(ends), max(ends), faults)
-    faults.note_fault_unless(not b.has(0))
-    divisors = [d for d in {*ys, 1, -1} if d and b.has(d)]
+    faults.note_fault_unless(not b.holds(0))
+    divisors = [d for d in {*ys, 1, -1} if d and b.holds(d)]
     if not divisors:
         return ANY_INT
     if op == "/":
-        ends = [_quotient(x, d) for x in (*xs, *([0] if a.has(0) else [])) for d in divisors]
+        ends = [_quotient(x, d) for x in (*xs, *([0] if a.holds(0) else [])) for d in divisors]
         return int_range(min(ends), max(ends), faults)
     if a.single and b.single:
         only = arithmetic.mod_int(xs[0], ys[0])
@@ -233,6 +233,6 @@ def int_of_float(a: Range, faults: Faults) -> Range:
 
 
 def range_in_type(a: Range, low: int, high: int, faults: Faults) -> Range:
-    """The range of an int put into a place of [low, high]; notes a fault if it may not fit."""
+    """Gives the range of an int stored in [low, high]; notes a fault if it may not fit."""
     faults.note_fault_unless(low <= a.low and a.high <= high)
     return Range(min(max(a.low, low), high), max(min(a.high, high), low))

@@ -62,7 +62,7 @@ class Evaluator(ExpressionEvaluator):
         self._bodies: dict[t.FunSymbol, Executed] = {}
 
     @classmethod
-    def of(cls, scope: Scope, externs: Mapping[t.FunSymbol, Extern] | None = None) -> Self:
+    def for_scope(cls, scope: Scope, externs: Mapping[t.FunSymbol, Extern] | None = None) -> Self:
         """Gives the evaluator for the code of one instance in a system."""
         return cls(
             scope.params,
@@ -74,14 +74,14 @@ class Evaluator(ExpressionEvaluator):
 
     # ------------------------------------------------------------ functions and blocks
 
-    def function(self, fun: t.FunSymbol) -> Callable[[Environment, Sequence[Value]], Value]:
+    def closure_of(self, fun: t.FunSymbol) -> Callable[[Environment, Sequence[Value]], Value]:
         """Gives `(environment, arguments) -> value` for a function with a body."""
         if fun not in self._bodies:
             assert fun.body is not None, fun.name
-            self._bodies[fun] = self.block(fun.body)
+            self._bodies[fun] = self.compiled_block(fun.body)
         body, parameters = self._bodies[fun], fun.parameters
 
-        def call(env: Environment, arguments: Sequence[Value]) -> Value:
+        def call_function(env: Environment, arguments: Sequence[Value]) -> Value:
             outside = env.variables
             env.variables = dict(zip(parameters, arguments, strict=True))
             try:
@@ -89,22 +89,22 @@ class Evaluator(ExpressionEvaluator):
             finally:
                 env.variables = outside
 
-        return call
+        return call_function
 
-    def block(self, statements: Iterable[t.TypedStmt]) -> Executed:
-        """Gives `environment -> returned value or None`; effects are in the environment."""
+    def compiled_block(self, statements: Iterable[t.TypedStmt]) -> Executed:
+        """Gives `environment -> returned value or None`, which also changes the environment."""
         compiled = [self._STATEMENTS[type(s)](self, s) for s in statements]
         if len(compiled) == 1:
             return compiled[0]
 
-        def run(env: Environment) -> Value | None:
+        def run_statements(env: Environment) -> Value | None:
             for statement in compiled:
                 result = statement(env)
                 if result is not None:
                     return result
             return None
 
-        return run
+        return run_statements
 
     # ------------------------------------------------------------ statements
 
@@ -117,19 +117,19 @@ class Evaluator(ExpressionEvaluator):
             return self._with_cost(1, _compile_store(place.variable, value))
         keys, variable = self._path_reader(place), place.variable
 
-        def assign(env: Environment) -> None:
+        def assign_part(env: Environment) -> None:
             path = keys(env)
             new = value(env)
             env.variables[variable] = with_part(env.variables[variable], path, new)
 
-        return self._with_cost(_components_copied_at_most(place), assign)
+        return self._with_cost(_components_copied_at_most(place), assign_part)
 
     def _compile_push(self, stmt: t.TypedPush) -> Executed:
         place, value, span = stmt.place, self._compile(stmt.value), stmt.span
         keys, variable = self._path_reader(place), place.variable
         capacity: int = place.type.capacity  # type: ignore[attr-defined]
 
-        def push(env: Environment) -> None:
+        def push_value(env: Environment) -> None:
             path = keys(env)
             new = value(env)
             whole = current = env.variables[variable]
@@ -139,14 +139,14 @@ class Evaluator(ExpressionEvaluator):
                 raise StepFault(FaultKind.CAPACITY, span)
             env.variables[variable] = with_part(whole, path, (*current, new))
 
-        return self._with_cost(_components_copied_at_most(place) + capacity, push)
+        return self._with_cost(_components_copied_at_most(place) + capacity, push_value)
 
     def _path_reader(self, place: t.Place) -> Callable[[Environment], list[int]]:
-        """Gives a function to the positions along a place's path, which checks every index."""
+        """Gives `environment -> positions on a place's path`; a wrong index is a StepFault."""
         steps = [(p, None) if isinstance(p, int) else (0, self._compile(p)) for p in place.path]
         variable, span = place.variable, place.span
 
-        def keys(env: Environment) -> list[int]:
+        def positions_on_path(env: Environment) -> list[int]:
             path = []
             current = env.variables[variable]
             for field, index in steps:
@@ -155,26 +155,26 @@ class Evaluator(ExpressionEvaluator):
                 current = current[key]
             return path
 
-        return keys
+        return positions_on_path
 
     def _compile_publish(self, stmt: t.TypedPublish) -> Executed:
         index, value = self._topics[stmt.topic], self._compile(stmt.value)
         limit, span = stmt.limit, stmt.span
 
-        def publish(env: Environment) -> None:
+        def publish_value(env: Environment) -> None:
             env.published[index] = value(env)
 
         if limit is None:
-            return self._with_cost(1, publish)
+            return self._with_cost(1, publish_value)
 
-        def publish_also(env: Environment) -> None:
+        def append_message(env: Environment) -> None:
             new = value(env)
             earlier = env.published.get(index, ())
             if len(earlier) >= limit:
                 raise StepFault(FaultKind.CAPACITY, span, f"more than {limit} messages")
             env.published[index] = (*earlier, new)
 
-        return self._with_cost(1, publish_also)
+        return self._with_cost(1, append_message)
 
     def _compile_return(self, stmt: t.TypedReturn) -> Executed:
         return self._with_cost(1, self._compile(stmt.value))
@@ -182,23 +182,23 @@ class Evaluator(ExpressionEvaluator):
     def _compile_assert(self, stmt: t.Assert) -> Executed:
         condition, span, message = self._compile(stmt.condition), stmt.span, stmt.message
 
-        def check(env: Environment) -> None:
+        def check_condition(env: Environment) -> None:
             if not condition(env):
                 raise StepFault(FaultKind.ASSERT, span, message or "")
 
-        return self._with_cost(1, check)
+        return self._with_cost(1, check_condition)
 
     def _compile_if(self, stmt: t.TypedIf) -> Executed:
-        arms = [(self._compile(c), self.block(body)) for c, body in stmt.arms]
-        otherwise = self.block(stmt.otherwise)
+        arms = [(self._compile(c), self.compiled_block(body)) for c, body in stmt.arms]
+        otherwise = self.compiled_block(stmt.otherwise)
 
-        def choose(env: Environment) -> Value | None:
+        def run_chosen_arm(env: Environment) -> Value | None:
             for condition, body in arms:
                 if condition(env):
                     return body(env)
             return otherwise(env)
 
-        return self._with_cost(1, choose)
+        return self._with_cost(1, run_chosen_arm)
 
     def _compile_for_range(self, stmt: t.ForRange) -> Executed:
         rounds = range(stmt.low, stmt.high)
@@ -210,9 +210,9 @@ class Evaluator(ExpressionEvaluator):
     def _compile_loop(
         self, variable: t.Variable, sequence: Compiled, statements: tuple[t.TypedStmt, ...]
     ) -> Executed:
-        body = self._with_cost(1, self.block(statements))
+        body = self._with_cost(1, self.compiled_block(statements))
 
-        def loop(env: Environment) -> Value | None:
+        def run_rounds(env: Environment) -> Value | None:
             for item in sequence(env):
                 env.variables[variable] = item
                 result = body(env)
@@ -220,7 +220,7 @@ class Evaluator(ExpressionEvaluator):
                     return result
             return None
 
-        return self._with_cost(1, loop)
+        return self._with_cost(1, run_rounds)
 
     _STATEMENTS: ClassVar[dict[type[t.TypedStmt], Callable[[Evaluator, Any], Executed]]] = {
         t.TypedDeclare: _compile_declare,
@@ -239,14 +239,14 @@ class Evaluator(ExpressionEvaluator):
 
 
 def _compile_store(variable: t.Variable, value: Compiled) -> Executed:
-    def store(env: Environment) -> None:
+    def store_value(env: Environment) -> None:
         env.variables[variable] = value(env)
 
-    return store
+    return store_value
 
 
 def with_part(whole: Value, path: Sequence[int], new: Value) -> Value:
-    """Gives `whole` with `new` at the end of a path of positions."""
+    """Gives `whole` with `new` in place of the part at `path`, a path of positions."""
     if not path:
         return new
     at, *rest = path
@@ -254,17 +254,17 @@ def with_part(whole: Value, path: Sequence[int], new: Value) -> Value:
 
 
 def _components_copied_at_most(place: t.Place) -> int:
-    """Gives an upper bound on the components that an assignment to the place copies."""
+    """Gives how many components an assignment to the place copies at most."""
     return leaf_count(place.variable.type)
 
 
 def python_function(program: TypedProgram, fun: FunSymbol) -> Callable[..., Any]:
-    """Gives a callable for `fun`, with every parameter of the program at its default."""
+    """Gives a Python callable for `fun`; all parameters of the program have their defaults."""
     basic = Evaluator({})
     evaluator = Evaluator({p: basic.value(p.default) for p in program.params.values()})
-    compiled = evaluator.function(fun)
+    compiled = evaluator.closure_of(fun)
 
-    def call(*arguments: object) -> Any:  # noqa: ANN401 - any Soter value
+    def call_with_python_values(*arguments: object) -> Any:  # noqa: ANN401 - any Soter value
         if len(arguments) != len(fun.parameters):
             msg = f"{fun.name} takes {len(fun.parameters)} arguments, not {len(arguments)}"
             raise TypeError(msg)
@@ -273,5 +273,5 @@ def python_function(program: TypedProgram, fun: FunSymbol) -> Callable[..., Any]
         )
         return to_python(fun.result, compiled(Environment(), values))
 
-    call.__name__ = fun.name
-    return call
+    call_with_python_values.__name__ = fun.name
+    return call_with_python_values

@@ -56,10 +56,10 @@ def reader_with_limits(
     ages_ns: Mapping[int, int | None],
     leaves_within: Mapping[tuple[int, int], tuple[float, float]] | None = None,
 ) -> Callable[[ReadPlace], Range]:
-    """Gives a reader as `reader_of_sets` does, with greatest ages in ns and ranges of leaves."""
+    """Gives a reader as `reader_of_sets`, with greatest ages (None: no limit) and leaf ranges."""
     otherwise, within = reader_of_sets(system), leaves_within or {}
 
-    def read(place: ReadPlace) -> Range:
+    def range_at_place(place: ReadPlace) -> Range:
         if place.kind == "age" and place.index in ages_ns:
             most = ages_ns[place.index]
             return Range(0.0, math.inf if most is None else most / 1e9)
@@ -73,13 +73,13 @@ def reader_with_limits(
         low, high = max(known.low, low), min(known.high, high)
         return Range(low, high) if low <= high else known
 
-    return read
+    return range_at_place
 
 
 def reader_of_sets(system: System) -> Callable[[ReadPlace], Range]:
     """Gives a `read` for a `RangeEvaluator` by the declared sets; `TooHardError` for lists."""
 
-    def read(place: ReadPlace) -> Range:
+    def range_at_place(place: ReadPlace) -> Range:
         if place.kind == "topic" and not has_list(system.topics[place.index].type):
             return range_in_set(system.topics[place.index], place)
         known = all_values(place.type)
@@ -87,15 +87,15 @@ def reader_of_sets(system: System) -> Callable[[ReadPlace], Range]:
             raise TooHardError
         return known
 
-    return read
+    return range_at_place
 
 
 def constant_truth(condition: TypedExpr, system: System, scope: Scope) -> bool | None:
-    """Says whether the declared sets make a condition always True or always False; or None."""
+    """Gives the value that a condition always has if topics are in their sets; or None."""
     evaluator = RangeEvaluator(scope, 0, reader_of_sets(system))
     evaluator.left = BUDGET
     try:
-        truth = evaluator.number(condition)
+        truth = evaluator.bounds(condition)
     except TooHardError:
         return None
     return bool(truth.low) if truth.single and not evaluator.faults.possible else None
@@ -107,7 +107,7 @@ def truth_by_parts(
     scope: Scope,
     read: Callable[[ReadPlace], Range] | None = None,
 ) -> bool | None:
-    """Says what `constant_truth` does, for read ranges cut at the condition's numbers.
+    """Gives the same as `constant_truth`, but cuts the read ranges at the condition's numbers.
 
     So it recognizes comparisons that exclude each other, or of which one always holds. `read` is a
     function as from `reader_with_limits`; None: the declared sets.
@@ -118,13 +118,13 @@ def truth_by_parts(
     for _ in range(PARTS_MAX):
         part = dict(parts.pop())
 
-        def known(place: ReadPlace, part: dict[ReadPlace, Range] = part) -> Range:
+        def range_of_this_part(place: ReadPlace, part: dict[ReadPlace, Range] = part) -> Range:
             return part[place] if place in part else part.setdefault(place, read(place))
 
-        evaluator = RangeEvaluator(scope, 0, known)
+        evaluator = RangeEvaluator(scope, 0, range_of_this_part)
         evaluator.left = BUDGET
         try:
-            truth = evaluator.number(condition)
+            truth = evaluator.bounds(condition)
         except TooHardError:
             return None
         if truth.single and not evaluator.faults.possible:
@@ -132,7 +132,7 @@ def truth_by_parts(
                 return None
             found = bool(truth.low)
         else:
-            pieces = next(((k, p) for k, r in part.items() if len(p := _pieces(r, cuts)) > 1), None)
+            pieces = next(((k, p) for k, r in part.items() if len(p := _cut_at(r, cuts)) > 1), None)
             if pieces is None:
                 return None
             parts += [{**part, pieces[0]: piece} for piece in pieces[1]]
@@ -159,12 +159,12 @@ def _constants_in(condition: TypedExpr, scope: Scope) -> list[float]:
     return sorted(found)
 
 
-def _pieces(of: Range, cuts: Sequence[float]) -> list[Range]:
+def _cut_at(of: Range, cuts: Sequence[float]) -> list[Range]:
     """Gives a range in pieces: each cut inside it as one number, and the ranges between cuts."""
     whole = isinstance(of.low, int)
     if whole and of.high - of.low < CUTS_MAX:
         cuts = range(int(of.low), int(of.high) + 1)
-    inside = [c for c in cuts if of.has(c) and c == (int(c) if whole else c)]
+    inside = [c for c in cuts if of.holds(c) and c == (int(c) if whole else c)]
     if of.single or len(inside) > CUTS_MAX:
         return [of]
     pieces, low = [], of.low
@@ -180,7 +180,7 @@ def _pieces(of: Range, cuts: Sequence[float]) -> list[Range]:
 
 
 def range_in_set(topic: Topic, place: ReadPlace) -> Range:
-    """Gives the range of values that may be published at a place; they are finite."""
+    """Gives the range of the values that a topic's set allows at a place; all are finite."""
     return _range_inside(place.type, topic.bounds[leaf_index(topic, place.path)])
 
 
@@ -238,7 +238,7 @@ class _ScaledSignal:
 
 
 def signal_limits(system: System) -> list[Limit]:
-    """Gives the limits in every module's `safe` and in every `always`, without duplicates."""
+    """Gives the limits of signals in each module's `safe` and each `always`, each once."""
     demanded = [(m.scope, m.symbol.safe, f"safe of {m.name}") for m in system.modules]
     demanded += [(p.scope, p.condition, "always") for p in system.properties if p.kind == "always"]
     readers = (_LimitReader(system, scope).signal_limits(e, by) for scope, e, by in demanded)
@@ -251,10 +251,10 @@ class _LimitReader:
     def __init__(self, system: System, scope: Scope) -> None:
         self.system = system
         self.scope = scope
-        self.evaluator = Evaluator.of(scope)
+        self.evaluator = Evaluator.for_scope(scope)
 
     def signal_limits(self, predicate: typed.TypedExpr, by: str) -> Iterator[Limit]:
-        """Yields the limits that conjuncts of a predicate set to single signals."""
+        """Yields the limits of single signals in the conjuncts of a predicate; `by`: its name."""
         for part in conjuncts(_inlined(predicate)):
             opened = _inlined(part)
             parts = conjuncts(opened) if opened is not part else [part]
@@ -278,12 +278,12 @@ class _LimitReader:
             yield Limit(line.signal, value, by)
 
     def _line_of(self, e: typed.TypedExpr) -> _ScaledSignal | None:
-        """A side of a comparison as a line over one signal, or none; None if it is no line."""
+        """Gives a side of a comparison as a line over one signal or none; None if it is no line."""
         e = _inlined(e)
-        constant = self._constant(e)
+        constant = self._constant_value(e)
         if constant is not None:
             return _ScaledSignal("", 0.0, constant)
-        signal = self._signal(e)
+        signal = self._signal_name(e)
         if signal is not None:
             return _ScaledSignal(signal, 1.0, 0.0)
         if isinstance(e, typed.TypedUnary) and e.op == "-":
@@ -312,8 +312,8 @@ class _LimitReader:
         line, other = (left, right) if left.signal else (right, left)
         return _ScaledSignal(line.signal, line.scale, line.offset + other.offset, line.folded)
 
-    def _constant(self, e: typed.TypedExpr) -> float | None:
-        """Gives the value of an expression that reads nothing but parameters."""
+    def _constant_value(self, e: typed.TypedExpr) -> float | None:
+        """Gives the value of an expression that reads only parameters; None for any other."""
         fixed = (
             typed.Literal, typed.ParamRead, typed.TypedUnary, typed.TypedBinary, typed.Builtin,
             typed.TypedField, typed.Index, typed.TypedLength, typed.Conditional, typed.Narrow,
@@ -322,11 +322,11 @@ class _LimitReader:
         if not number or not all(isinstance(n, fixed) for n in nodes([e])):
             return None
         try:
-            return float(self.evaluator.expression(e)(Environment()))
+            return float(self.evaluator.compiled(e)(Environment()))
         except StepFault:
             return None
 
-    def _signal(self, e: typed.TypedExpr) -> str | None:
+    def _signal_name(self, e: typed.TypedExpr) -> str | None:
         """Gives the name of a leaf of a topic or of the truth of a plant, as reports call it."""
         path: list[str] = []
         while isinstance(e, (typed.TypedField, typed.Index)):
@@ -354,7 +354,7 @@ def _scaled_line(line: _ScaledSignal | None, by: float) -> _ScaledSignal | None:
 
 
 def _inlined(e: typed.TypedExpr) -> typed.TypedExpr:
-    """Gives the expression that a call stands for if its function only returns one."""
+    """Gives what a call returns, if its function is only a `return`; `e` itself if not."""
     for _ in range(OPENED_MAX):
         inner = returned(e) if isinstance(e, typed.TypedCall) else None
         if inner is None:

@@ -1,6 +1,6 @@
-"""What a data file says of its own numbers: that `soter identify` fitted them to logs.
+"""Reads from a data file that `soter identify` fitted its numbers to logs.
 
-Purpose: `held_out_episodes` reads it, so that every verdict can say what such numbers rest on.
+Purpose: `held_out_episodes` lets every verdict say what such numbers rest on.
 Non-goals: the numbers (`loader.py`); whether logs are there, or the fit is right.
 """
 
@@ -20,7 +20,7 @@ IDENTIFIED = "$identified"
 def held_out_episodes(raw: bytes) -> int | None:
     """Gives how many held-out episodes a JSON data file rests on; None for other files.
 
-    Raises `DataError` if the file says that there are some, but not how many.
+    Raises `DataError` if the file has the key `IDENTIFIED` and no number of them.
     """
     if f'"{IDENTIFIED}"'.encode() not in raw:
         return None

@@ -76,7 +76,7 @@ def read_data(path: Path, t: Type, tell: Callable[[str], None]) -> tuple[Value, 
     else:
         document = _npy_document(raw, t)
     try:
-        value = _value(t, document, lambda n: tell(f"reading `{path.name}`: {n} elements"))
+        value = _value_in(t, document, lambda n: tell(f"reading `{path.name}`: {n} elements"))
     except (ValueShapeError, RecursionError) as error:
         raise DataError(str(error)) from error
     wrong = _nan_path(t, value, "")
@@ -85,15 +85,15 @@ def read_data(path: Path, t: Type, tell: Callable[[str], None]) -> tuple[Value, 
     return value, raw
 
 
-def _value(t: Type, document: object, tell: Callable[[int], None]) -> Value:
-    """Gives the value of a parsed document, a `Table` if values of the type are kept as one."""
+def _value_in(t: Type, document: object, tell: Callable[[int], None]) -> Value:
+    """Gives the value in a parsed document; it is a `Table` if `is_table` holds of the type."""
     if isinstance(document, Table):
         check_length(t, len(document), "")
         return document
     if not is_table(t) or not isinstance(document, list):
         return from_json(t, document)
     check_length(t, len(document), "")
-    return Table.of(t.element, _elements(t.element, document, tell))
+    return Table.of_values(t.element, _elements(t.element, document, tell))
 
 
 def _elements(t: Type, documents: list[object], tell: Callable[[int], None]) -> Iterator[Value]:
@@ -111,7 +111,7 @@ def _nan_path(t: Type, value: Value, path: str) -> str | None:
         return (f"{path}: " if path else "") + f"{value} is no number a constant may have"
     parts: list[tuple[str, Type, Value]] = []
     if isinstance(value, Table):
-        at = value.first_not_finite()
+        at = value.index_of_first_not_finite()
         return None if at is None else _nan_path(value.element, value[at], f"{path}[{at}]")
     if isinstance(t, RecordType):
         pairs = zip(t.fields, value, strict=True)
@@ -122,7 +122,7 @@ def _nan_path(t: Type, value: Value, path: str) -> str | None:
 
 
 def _json_document(raw: bytes) -> object:
-    """Gives the document without `"$comment"` and `IDENTIFIED`, which are about the document."""
+    """Gives a JSON document without its keys `"$comment"` and `IDENTIFIED`."""
     try:
         document: object = parse_json(raw.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:
@@ -228,30 +228,30 @@ PRELUDE_DIR = Path(__file__).resolve().parents[1] / "prelude"
 
 
 class SourceAccess:
-    """How the files of a program are read: here from the disk, anew each time.
+    """Reads the files of a program: here from the disk, anew each time.
 
     The editor's subclass (`editor/documents.py`) knows texts that are not saved, and caches trees.
     """
 
-    def text(
+    def text_of(
         self, path: Path, shown: str, diagnostics: Diagnostics, span: Span | None = None
     ) -> str | None:
         """Gives the text of a source file; None, with a diagnostic, if it cannot be read."""
         return read_text(path, shown, diagnostics, span)
 
-    def parsed(self, shown: str, text: str, diagnostics: Diagnostics) -> tuple[Source, tree.File]:
+    def parse(self, shown: str, text: str, diagnostics: Diagnostics) -> tuple[Source, tree.File]:
         """Gives the tree of a text, and the source that the tree's spans refer to."""
         source = Source(shown, text)
         return source, parse(source, diagnostics)
 
-    def data(self, path: Path, t: Type, tell: Callable[[str], None]) -> tuple[Value, bytes]:
-        """Gives the value in a data file and the file's bytes; raises what `read_data` does."""
+    def data_value(self, path: Path, t: Type, tell: Callable[[str], None]) -> tuple[Value, bytes]:
+        """Gives a data file's value and bytes; raises what `read_data` raises."""
         return read_data(path, t, tell)
 
-    def constants(self, _: LoadedFile) -> dict[str, tuple[Value, int]]:
-        """Gives name -> (value, operations) of constants known for an unchanged file.
+    def known_constants(self, _: LoadedFile) -> dict[str, tuple[Value, int]]:
+        """Gives constant -> (value, operations it took), for an unchanged file.
 
-        The checker does not compute these again, and enters those that it computes.
+        The checker does not compute these again, and adds those that it computes.
         """
         return {}
 
@@ -297,17 +297,17 @@ class LoadedProgram:
         if path.suffix.lower() == ".json" and (episodes := held_out_episodes(raw)) is not None:
             self.identified[name] = episodes
 
-    def shows(self, path: Path) -> bool:
-        """Whether messages may quote a data file: one beside the program, or beside its target.
+    def may_quote(self, path: Path) -> bool:
+        """Whether messages may quote a data file, as a stranger's program may name any file.
 
-        A stranger's program may name any file.
+        It must be in the folder of the program, or of the file that the program's path links to.
         """
-        folders = (self.main.path.parent, _resolved(self.main.path).parent)
-        return any(_resolved(path).is_relative_to(_resolved(f)) for f in folders)
+        folders = (self.main.path.parent, _resolved_path(self.main.path).parent)
+        return any(_resolved_path(path).is_relative_to(_resolved_path(f)) for f in folders)
 
     @property
     def contents(self) -> dict[Path, str]:
-        """Gives path -> SHA-256 of every file as it was read, for a source of its text as UTF-8."""
+        """Gives path -> SHA-256 of each file that was read; of a source: of its text as UTF-8."""
         texts = {f.path: f.source.text.encode("utf-8", "surrogatepass") for f in self.files}
         return {**{p: hashlib.sha256(raw).hexdigest() for p, raw in texts.items()}, **self.data}
 
@@ -339,18 +339,15 @@ def read_text(
             notes=(f"the first wrong byte is number {error.start}, in line {line}",),
         )
         return None
-    if span is not None and not is_program(text):
+    if span is not None and not begins_as_program(text):
         why = "it does not begin with `soter 1;`, so nothing of it is shown"
         diagnostics.error("D005", f"cannot read `{shown}`: {why}", span)
         return None
     return text
 
 
-def is_program(text: str) -> bool:
-    """Whether a text begins as every program does, after comments.
-
-    Messages quote nothing of any other file that a program names.
-    """
+def begins_as_program(text: str) -> bool:
+    """Whether a text begins as programs do; messages quote nothing of other files."""
     begun = BEFORE.match(text)
     return begun is not None and text.startswith("soter", begun.end())
 
@@ -358,15 +355,15 @@ def is_program(text: str) -> bool:
 def load(
     path: str, diagnostics: Diagnostics, text: str | None = None, reading: SourceAccess = FROM_DISK
 ) -> LoadedProgram | None:
-    """Loads `path` (or `text` in its place) and all its imports; None if nothing was read."""
+    """Loads the program in `path`, or `text`, and all imports; None if nothing was read."""
     main_path = Path(path)
     if text is None:
-        text = reading.text(main_path, path, diagnostics)
+        text = reading.text_of(main_path, path, diagnostics)
         if text is None:
             return None
     loader = _Loader(diagnostics, reading)
-    prelude = [loader.prelude(p) for p in _prelude_paths()]
-    main = loader.file(main_path, path, text, prefix="", library=False)
+    prelude = [loader.load_prelude_file(p) for p in _prelude_paths()]
+    main = loader.load(main_path, path, text, prefix="", library=False)
     loader.follow_imports(main)
     return LoadedProgram(main, loader.files, prelude, loader.digest, reading)
 
@@ -399,17 +396,17 @@ class _Loader:
         self._by_path: dict[Path, LoadedFile] = {}
         self._prefixes: set[str] = set()
 
-    def prelude(self, path: Path) -> LoadedFile:
+    def load_prelude_file(self, path: Path) -> LoadedFile:
         loaded = _prelude_file(path)
         self._add_to_digest(path.name, loaded.source.text)
         return loaded
 
-    def file(self, path: Path, shown: str, text: str, *, prefix: str, library: bool) -> LoadedFile:
+    def load(self, path: Path, shown: str, text: str, *, prefix: str, library: bool) -> LoadedFile:
         self._add_to_digest(prefix, text)
-        source, parsed = self.reading.parsed(shown, text, self.diagnostics)
+        source, parsed = self.reading.parse(shown, text, self.diagnostics)
         loaded = LoadedFile(path, source, parsed, prefix, library)
         self.files.append(loaded)
-        self._by_path[_resolved(path)] = loaded
+        self._by_path[_resolved_path(path)] = loaded
         return loaded
 
     def _add_to_digest(self, name: str, text: str) -> None:
@@ -419,7 +416,7 @@ class _Loader:
 
     def follow_imports(self, main: LoadedFile) -> None:
         """Loads imports depth first, in written order, without recursion: chains may be long."""
-        chain = {_resolved(main.path): main}
+        chain = {_resolved_path(main.path): main}
         waiting = [iter(main.file.imports)]
         while waiting:
             imported = next(waiting[-1], None)
@@ -443,7 +440,7 @@ class _Loader:
             loaded_file, fresh = self._load_import(importer, imported, chain)
             importer.imports[name] = loaded_file
             if fresh and loaded_file is not None:
-                chain[_resolved(loaded_file.path)] = loaded_file
+                chain[_resolved_path(loaded_file.path)] = loaded_file
                 waiting.append(iter(loaded_file.file.imports))
 
     def _load_import(
@@ -451,7 +448,7 @@ class _Loader:
     ) -> tuple[LoadedFile | None, bool]:
         """Gives the imported file, None if it cannot be read; and whether to follow its imports."""
         path = importer.path.parent / imported.path
-        resolved = _resolved(path)
+        resolved = _resolved_path(path)
         if resolved in chain:
             self._report_import_cycle(resolved, imported, chain)
             return None, False
@@ -459,11 +456,11 @@ class _Loader:
         if known is not None:
             return known, False
         shown = str(path)
-        text = self.reading.text(path, shown, self.diagnostics, imported.path_span)
+        text = self.reading.text_of(path, shown, self.diagnostics, imported.path_span)
         if text is None:
             return None, False
         prefix = self._unused_prefix(imported.name.text)
-        return self.file(path, shown, text, prefix=prefix, library=True), True
+        return self.load(path, shown, text, prefix=prefix, library=True), True
 
     def _unused_prefix(self, name: str) -> str:
         prefix, count = f"{name}.", 1
@@ -493,7 +490,7 @@ class _Loader:
         )
 
 
-def _resolved(path: Path) -> Path:
+def _resolved_path(path: Path) -> Path:
     try:
         return path.resolve()
     except (OSError, ValueError, RuntimeError):

@@ -55,7 +55,7 @@ def read_bytes(path: Path, limit: int = TEXT_MAX, *, special: bool = False) -> b
 
 
 def _read_at_most(file: BinaryIO, most: int, size: int) -> bytes:
-    """Gives at most `most` bytes of a file; takes no more memory than there are bytes."""
+    """Gives at most `most` bytes of a file; takes only as much memory as it reads."""
     parts, room = [], most
     while part := file.read(min(room, size + MIB)):
         parts.append(part)
@@ -64,14 +64,14 @@ def _read_at_most(file: BinaryIO, most: int, size: int) -> bytes:
 
 
 def read_json_text(path: Path) -> str:
-    """Gives the text of a UTF-8 file that another command wrote; ReadError, ValueError."""
+    """Gives the text of a UTF-8 file of another command; raises ReadError or ValueError."""
     return read_bytes(path, special=True).decode("utf-8")
 
 
 def open_finite_file(
     path: Path, limit: int = PIPE_MAX, *, pipes: bool = True, devices: bool = False
 ) -> BinaryIO:
-    """Opens a file that surely has an end, a pipe's first `limit` bytes and one; or ReadError."""
+    """Opens a file that surely ends; of a pipe `limit` + 1 bytes at most. Raises ReadError."""
     try:
         _require_kind(path.stat().st_mode, pipes=pipes, devices=devices)
         handle = os.open(path, os.O_RDONLY | NONBLOCK | getattr(os, "O_CLOEXEC", 0))
@@ -110,7 +110,7 @@ def _read_pipe(handle: int, most: int) -> bytes:
     return bytes(content)
 
 
-def beside(path: Path, name: str) -> Path | None:
+def path_beside(path: Path, name: str) -> Path | None:
     """Gives the path of file `name` in the folder of `path`, as `path` is written.
 
     None if it leads out of that folder; but a link may lead into the folder of the file that `path`
@@ -126,7 +126,7 @@ def beside(path: Path, name: str) -> Path | None:
 
 
 def near_name_helps(path: Path) -> tuple[str, ...]:
-    """Gives help for a missing file: a similar name, or that the folder is missing."""
+    """Gives help for a missing file: a similar name in its folder, or no such folder."""
     try:
         with os.scandir(path.parent) as entries:
             names = sorted(entry.name for entry in entries if _is_file_entry(entry))
@@ -144,11 +144,11 @@ def _is_file_entry(entry: os.DirEntry[str]) -> bool:
 
 
 def parse_json(text: str | bytes) -> Any:  # noqa: ANN401  any JSON document
-    """The JSON document; ValueError if it is none or repeats a name, RecursionError if deep."""
-    return json.loads(text, object_pairs_hook=_unique_keys)
+    """Gives a JSON document; ValueError if it is wrong or repeats a name; RecursionError."""
+    return json.loads(text, object_pairs_hook=_dict_of_unique_keys)
 
 
-def _unique_keys(pairs: list[tuple[str, object]]) -> dict[str, object]:
+def _dict_of_unique_keys(pairs: list[tuple[str, object]]) -> dict[str, object]:
     value_by_name: dict[str, object] = {}
     for name, value in pairs:
         if name in value_by_name:
@@ -160,12 +160,12 @@ def _unique_keys(pairs: list[tuple[str, object]]) -> dict[str, object]:
 NAMED = ("python", "c")
 """Kinds of bindings that name something inside the file."""
 NO_STATISTICS = "none"
-"""Stands in the place of a statistics file: use none, whatever lies beside the policy."""
+"""Written in place of a statistics file: none is used, whatever lies beside the policy."""
 POLICIES = ("onnx", "sb3")
 """Kinds of files that hold a learned policy."""
 CLIP = "clip"
 OF_ONNX = re.compile(rf"({CLIP}|[^=,]+=[^=,]+)(,[^=,]+=[^=,]+)*(,{CLIP})?")
-"""What may follow an ONNX file: to clip answers to their sets; `input=output` pairs to remember."""
+"""What may follow an ONNX file: `clip` limits answers; `input=output` is a pair to remember."""
 FORMS = {
     "python": "python:file.py:name",
     "c": "c:file.c:name",
@@ -207,7 +207,7 @@ class BindingText(NamedTuple):
 
     @property
     def remembered(self) -> str:
-        """Gives the pairs `input=output` by which an ONNX policy remembers outputs; or ""."""
+        """Gives the pairs `input=output` by which an ONNX policy remembers outputs; "" if none."""
         return ",".join(part for part in self.name.split(",") if part != CLIP)
 
     @property
@@ -215,8 +215,8 @@ class BindingText(NamedTuple):
         """Whether an ONNX file's answer is limited to the sets of its topics."""
         return self.kind == "onnx" and CLIP in self.name.split(",")
 
-    def beside(self, folder: Path) -> BindingText:
-        """Gives the same binding with paths of its files from `folder`."""
+    def in_folder(self, folder: Path) -> BindingText:
+        """Gives the same binding with its files in `folder`."""
         name = str(folder / self.name) if self.statistics else self.name
         return BindingText(self.kind, str(folder / self.file), name)
 
@@ -225,7 +225,7 @@ class BindingText(NamedTuple):
 
 
 def binding_of(text: str | None) -> BindingText | None:
-    """Gives the parts of a text; None if it is no binding."""
+    """Gives the parts of the text of a binding; None if the text is no binding."""
     parts = (text or "").split(":")
     if not all(parts) or parts[0] not in FORMS:
         return None
@@ -236,7 +236,7 @@ def binding_of(text: str | None) -> BindingText | None:
     return BindingText(parts[0], parts[1], name) if (least <= len(parts) <= 3) else None
 
 
-def is_in_python(text: str | None) -> bool:
-    """Whether a text is a binding that Python answers."""
+def is_answered_by_python(text: str | None) -> bool:
+    """Whether a text is a binding whose extern Python answers, which is any but linked C."""
     binding = binding_of(text)
     return binding is not None and binding.in_python

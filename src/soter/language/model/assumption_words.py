@@ -1,7 +1,7 @@
 """The assumptions that prover or re-checker may make, in words with a number each.
 
-Purpose: `in_words` gives an assumption the same text wherever it is printed, and
-`numbered_assumptions` the same number.
+Purpose: `in_words` gives an assumption one text, and `numbered_assumptions` one number, wherever
+they are printed.
 Non-goals: which assumptions a proof makes: the prover (`verify/problem/assumptions.py`) and the
 re-checker (`certificate/scope.py`) each derive that.
 """
@@ -64,10 +64,10 @@ WORDS = {
 
 
 def in_words(kind: str, *about: object) -> str:
-    """Gives the text of an assumption of a kind of `WORDS`; `about` fills its places."""
+    """Gives the sentence of an assumption: that of `kind` in `WORDS`, `about` in its gaps."""
     return WORDS[kind].format(*about)
 
 
 def numbered_assumptions(*lists: Iterable[str]) -> dict[str, str]:
-    """Gives text -> number (A1, A2, ...): the first list in order, then what others add."""
+    """Gives text of an assumption -> number (A1, A2, ...), in the order of the lists."""
     return {text: f"A{k}" for k, text in enumerate(dict.fromkeys(chain(*lists)), 1)}

@@ -1,4 +1,4 @@
-"""One text of a record of a program, which does not depend on where in its files anything stands.
+"""Gives a record of a program as a text that does not depend on places in its files.
 
 Purpose: two records have the same text where nothing but places, names of files and comments
 differs, so that `soter diff` compares declarations, and what proofs and code are made of them.
@@ -19,21 +19,21 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 PLACES = (Span, Source, TypedProgram)
-"""What is left out: where something stands, and the program around it."""
+"""Types of parts that are left out: places in files, and the program around a record."""
 PLAIN = (bool, int, float, str, bytes, type(None))
-"""Of these `repr` tells any two apart."""
+"""Types of which two different values have different texts by `repr`."""
 
 
-def canonical_text(of: object, instead: Callable[[object], object] = lambda part: part) -> str:
+def canonical_text(record: object, instead: Callable[[object], object] = lambda part: part) -> str:
     """Gives the text of a record with all of its parts, in declared order; sets are sorted.
 
-    A record that occurs again becomes a number, so that the text of a graph ends. `instead` gives
-    for each part what is written for it. TypeError for a part whose text might be incomplete.
+    A record that occurs again becomes a number, so that a circle of records ends. `instead` maps
+    each part to what is written in its place. TypeError for a part of an unknown type.
     """
     numbers: dict[int, int] = {}
     kept: list[object] = []  # so that no number of an object is given to another one
     written: list[str] = []
-    todo: list[tuple[bool, object]] = [(False, of)]
+    todo: list[tuple[bool, object]] = [(False, record)]
     while todo:
         is_text, part = todo.pop()
         if is_text:

@@ -1,6 +1,6 @@
 """The record of what was proved of a module.
 
-Purpose: `Proof` has verdicts by property and what they rest on, here so that runs can tell them.
+Purpose: `Proof` has the verdict on each property and the assumptions, so that runs can report them.
 Non-goals: proving (`verify/`), and where a proof is kept (`verify/proof_cache.py`).
 """
 
@@ -19,13 +19,13 @@ class Proof:
     verdicts: dict[str, str]
     assumptions: tuple[str, ...]
 
-    def of(self, verdict: str, *names: str) -> list[str]:
-        """Gives those of the properties `names` (or of all) that have this verdict."""
+    def names_with(self, verdict: str, *names: str) -> list[str]:
+        """Gives the names of properties, among `names` or all, that have this verdict."""
         return [n for n, v in self.verdicts.items() if v == verdict and (not names or n in names)]
 
     @property
-    def open(self) -> list[str]:
-        """Gives the properties that safety needs, and that are neither proved nor assumed."""
+    def open_names(self) -> list[str]:
+        """Gives the names of properties that safety needs and that are not proved or assumed."""
         return [
             n
             for n, v in self.verdicts.items()

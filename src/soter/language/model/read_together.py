@@ -1,8 +1,8 @@
 """How far apart in time what a decision module reads together may be.
 
-Purpose: `apart_at_most` has the pairs of topics whose stamps say whether they show one instant, and
-how far apart these may be; a decision module calls reads that are further apart stale, and by
-`permits_together` its shield permits nothing on them.
+Purpose: `allowed_stamp_differences` gives the pairs of topics whose stamps say whether they show
+one instant, and how far apart these stamps may be. A decision module calls reads that are further
+apart stale; `permits_on_close_reads` makes its shield permit nothing on them.
 Non-goals: how old each may be by itself (`Topic.max_age_ns`); what a node makes of several reads.
 
 Plants of one period and phase publish all that they drive in the same instants, so the stamps of
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from soter.language.model.system import Module, System
 
 
-def apart_at_most(system: System, topics: Iterable[int]) -> list[tuple[int, int, int]]:
-    """Gives pairs of these topics, and how many ns their stamps may differ."""
+def allowed_stamp_differences(system: System, topics: Iterable[int]) -> list[tuple[int, int, int]]:
+    """Gives (topic, topic, ns): pairs of these topics, and how far apart their stamps may be."""
     limited = [i for i in topics if system.topics[i].max_age_ns is not None]
     instants = {
         index: (c.period_ns, c.phase_ns)
@@ -49,14 +49,14 @@ def apart_at_most(system: System, topics: Iterable[int]) -> list[tuple[int, int,
     return pairs
 
 
-def permits_together(system: System, module: Module) -> typed.TypedExpr:
-    """Gives a shield's `permits`, and that its reads are as close in time as they must be."""
+def permits_on_close_reads(system: System, module: Module) -> typed.TypedExpr:
+    """Gives the condition `permits` of a shield, joined with: its reads are close in time."""
     assert module.shield is not None
     assert module.shield.permits is not None
     span, permits = module.symbol.span, module.shield.permits
     names = {index: symbol for symbol, index in module.scope.topics.items()}
     read = [module.scope.topics[symbol] for symbol in topic_reads(permits)]
-    for i, j, most in apart_at_most(system, read):
+    for i, j, most in allowed_stamp_differences(system, read):
         ages = [typed.AgeRead(FLOAT, span, names[k]) for k in (i, j)]
         for one, other in (ages, ages[::-1]):
             apart = typed.TypedBinary(FLOAT, span, "-", one, other)

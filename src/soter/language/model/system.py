@@ -36,8 +36,8 @@ class Bound:
     high: float
 
     @property
-    def singles(self) -> tuple[float, float]:
-        """Gives for each end the nearest float32 if that lies outside, else the end itself.
+    def float32_ends(self) -> tuple[float, float]:
+        """Gives both ends; for each the nearest float32 if that lies outside of the bounds.
 
         A float32 so far beyond an end still counts as that end (docs/decisions.md, 257).
         """
@@ -70,7 +70,7 @@ class Topic:
     default: Value
     max_age_ns: int | None
     driver: str
-    """Who drives it: a plant's or node's name, "M" for a module, "input", or "" for nobody."""
+    """Who publishes it: a plant's or node's name, "M" for a module, "input", or "" (nobody)."""
     queue_of: int | None = None
     """For the queue of a subscription: the topic whose values it collects. Its type is a list."""
     policy: str = ""
@@ -114,7 +114,7 @@ class Disturbance:
 
 @dataclass(eq=False)
 class Measurement:
-    """An error within +-bound on one leaf of a driven topic; index of the draw: t // period."""
+    """An error of at most `bound` on a leaf of a driven topic; index of its draw: t // period."""
 
     topic: int
     leaf: int
@@ -124,7 +124,7 @@ class Measurement:
 
 @dataclass(frozen=True)
 class StandIn:
-    """What a component stands for that a test replaced by its contract.
+    """The module or node whose place a component takes, as a test replaced it by its contract.
 
     `of`: full name of the replaced module or node; `role`: that of the node in it whose place in
     the deployed order it takes; `clauses`: what its publications satisfy; `left`: the clauses that
@@ -144,7 +144,7 @@ class StandIn:
 
 @dataclass(eq=False)
 class Component:
-    """Anything the calendar releases: a plant, a DM or a node.
+    """A part of a system that is released periodically: a plant, a DM or a node.
 
     `role`: "plant", "dm", "sc", "ac" or "node". Releases at phase + k * period, k >= 0.
     `order` is the position in the deployed order within an instant (ruling 5): plants, then
@@ -187,34 +187,34 @@ class Component:
 
     @property
     def extern(self) -> bool:
-        """Whether a driver does the step, and not Soter code."""
+        """Whether something other than Soter code does the component's step."""
         return bool(self.node and self.node.extern) or bool(self.plant and self.plant.extern)
 
     @property
     def in_thread(self) -> bool:
-        """Whether it runs in the thread of the trusted part: Soter code, or an `inline` extern."""
+        """Whether the component runs in the trusted part's thread: Soter code, or `inline`."""
         return self.plant is None and (self.inline or not self.extern)
 
     @property
     def variables(self) -> tuple[Variable, ...]:
-        """The variables that keep their values between steps: locals, or states of a plant."""
+        """Gives the variables kept between steps: a node's locals, or a plant's states."""
         return self.node.locals if self.node else self.plant.states if self.plant else ()
 
     @property
     def published(self) -> list[TopicSymbol]:
-        """Gives the topics that it publishes or drives, as symbols of its declaration."""
+        """Gives the topics that the component publishes or drives, as declared symbols."""
         if self.plant is not None:
             return [t for t, _ in self.plant.drives]
         return [] if self.node is None else list(self.node.publishes)
 
     @property
     def writes(self) -> list[int]:
-        """Gives the topics that it publishes or drives, as indices of `System.topics`."""
+        """Gives the topics that the component publishes or drives, as indices in the system."""
         return [self.scope.topics[t] for t in self.published]
 
     @property
     def reads(self) -> list[int]:
-        """Gives topics of the system that a plant reads, or a node subscribes to; none of a DM."""
+        """Gives indices of the topics that a plant reads or a node subscribes to; [] for a DM."""
         if self.plant is not None:
             return [self.scope.topics[t] for t in self.plant.reads]
         return (
@@ -242,8 +242,8 @@ class Shield:
     moved: TypedExpr | None = None
 
     @property
-    def code(self) -> list[TypedExpr]:
-        """Gives the expressions of the shield that are computed by now."""
+    def expressions(self) -> list[TypedExpr]:
+        """Gives the expressions of the shield that are already computed."""
         return [e for e in (self.held, self.permits, self.moved) if e is not None]
 
 
@@ -285,11 +285,11 @@ class Module:
     computed: bool = False
     """Whether `ttf` and `safer` were computed: a level of each group is compared with 1 and 2."""
     grid_ends: dict[str, tuple[float, float]] = field(default_factory=dict)
-    """Where they were: both ends of the axes of grids, by leaf of a topic."""
+    """If they were computed: leaf of a topic -> both ends of its axis of a grid."""
     unshown: str = ""
     """What decisions of a module with `rest` rely on though nothing shows it; "" for others."""
     looks: int = 1
-    """How many periods of its DM the AC surely keeps control after the DM found `safer` true."""
+    """For how many periods of its DM AC surely keeps control after `safer` was true."""
     looked: int | None = None
     """The hidden topic with what the DM saw last; None if nothing reads the module's `margin`."""
     latch: int | None = None
@@ -312,11 +312,11 @@ class Module:
         return (*self.inputs, self.acknowledgement)
 
     def looks_left(self, *, unsafe: bool, safer: bool) -> int:
-        """Gives for how many periods AC surely keeps control from a DM step on; 0 if `unsafe`."""
+        """Gives for how many periods AC surely keeps control after a DM step; 0 if `unsafe`."""
         return 0 if unsafe else self.looks if safer else 1
 
     def margin_ns(self, looks: int, age_ns: int) -> int:
-        """How many ns of `looks` periods are left, `age_ns` after the DM's step; 0 or more."""
+        """Gives the ns left of `looks` periods, `age_ns` after the DM's step; 0 or more."""
         return max(looks * self.period_ns - self.late_ns - age_ns, 0)
 
 
@@ -449,14 +449,14 @@ class Fault:
     text: str = ""
 
     @property
-    def of_time(self) -> bool:
-        """Whether the fault moves or drops releases."""
+    def changes_releases(self) -> bool:
+        """Whether the fault moves or drops releases of its component."""
         return self.kind in {"late", "skip", "wait"}
 
 
 @dataclass(eq=False)
 class TestPlan:
-    """What a `test` block adds to its system. Times in ns; `quantum_ns` as declared.
+    """The declarations of a `test` block beside its system; `quantum_ns` as declared.
 
     `ordered`: within an instant steps happen in the deployed order, inputs first.
     """
@@ -531,7 +531,7 @@ def environment_topics(system: System) -> tuple[int, ...]:
     )
 
 
-def queues_of(system: System, component: Component) -> tuple[int, ...]:
+def queues_read_by(system: System, component: Component) -> tuple[int, ...]:
     """Gives the queues that a node reads, as topic indices."""
     if component.node is None:
         return ()

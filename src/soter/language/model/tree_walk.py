@@ -2,10 +2,10 @@
 
 Purpose: defines the parts of a node once, and answers the questions that later passes have.
 `conjuncts` splits `a && b`, also in a function that only returns it; `premise_of` gives the premise
-of an implication; `same_expression` recognizes that both sides of `x - 1 < x - 1` have one value.
-Every loop has a bound and nothing is recursive, yet nested loops, or calls of calls of calls, may
-still never end in practice: so `count_costs` computes upper bounds for every step, calls included,
-in operations and bytes; too large ones are T007.
+of an implication; `are_same_expression` recognizes that both sides of `x - 1 < x - 1` have one
+value. Every loop has a bound and nothing is recursive, yet nested loops or calls may never end in
+practice. So `count_costs` computes upper bounds for every step, calls included, in operations and
+bytes; too large ones are T007.
 Non-goals: meaning; any other rewriting; equal expressions that are written differently; execution
 times and the machine's stack, which need a machine and its compiler.
 
@@ -36,12 +36,12 @@ if TYPE_CHECKING:
 
 _SKIPPED = {"type", "span", "fun", "param", "topic", "module", "variable"}
 PARTS_MAX = 16
-"""Of a predicate with more `conjuncts` none are told apart."""
+"""A predicate with more `conjuncts` than this counts as a single one."""
 
 
 @cache
-def _part_names(kind: type) -> tuple[str, ...]:
-    """Gives the fields of a class that may hold parts of a node."""
+def _names_of_part_fields(kind: type) -> tuple[str, ...]:
+    """Gives the names of a class's fields that may hold nodes below a node."""
     if issubclass(kind, typed.Literal):
         return ()  # a literal's value may be large, and is no code
     return tuple(n for n in getattr(kind, "__dataclass_fields__", {}) if n not in _SKIPPED)
@@ -51,7 +51,7 @@ def children(node: object) -> list[object]:
     """Gives the typed nodes directly below an expression, statement or place, in written order."""
     sub_nodes: list[object] = []
     kind: Any = type(node)
-    for name in _part_names(kind):
+    for name in _names_of_part_fields(kind):
         part = getattr(node, name)
         if isinstance(part, (typed.TypedExpr, typed.TypedStmt, typed.Place)):
             sub_nodes.append(part)
@@ -122,20 +122,20 @@ def margin_reads(*roots: object) -> set[typed.ModuleSymbol | str]:
 
 
 def topics_mentioned(symbol: object) -> list[typed.TopicSymbol]:
-    """Gives topics that a plant, a node or a module reads or writes."""
+    """Gives the topics that a plant, a node or a module reads or writes, some more than once."""
     if isinstance(symbol, typed.NodeSymbol):
         return [*(s.topic for s in symbol.subscribes), *symbol.publishes]
     if isinstance(symbol, typed.PlantSymbol):
         return [*symbol.reads, *(t for t, _ in symbol.drives)]
     if isinstance(symbol, typed.ModuleSymbol):
         nodes_ = [*topics_mentioned(symbol.ac), *topics_mentioned(symbol.sc)]
-        reads = [*symbol.topics_read, *topic_reads(*symbol.expressions), *symbol.moved]
+        reads = [*symbol.topics_read, *topic_reads(*symbol.expressions), *symbol.moved_topics]
         return [*nodes_, *reads, *symbol.acknowledgements]
     return []
 
 
-def topics_beside(system: typed.SystemSymbol) -> list[typed.TopicSymbol]:
-    """Gives the topics of the instances of a system, as wires rename them."""
+def topics_of_instances(system: typed.SystemSymbol) -> list[typed.TopicSymbol]:
+    """Gives the topics that the instances of a system read or write, as wires rename them."""
     topics: dict[typed.TopicSymbol, None] = {}
     for instance in system.instances:
         if isinstance(instance.what, typed.SystemSymbol):
@@ -157,12 +157,12 @@ def plant_code(plant: typed.PlantSymbol) -> list[typed.TypedExpr]:
     return [*lets, *plant.next.values(), *plant.der.values(), *drives]
 
 
-def chosen_lets(plant: typed.PlantSymbol) -> tuple[typed.Variable, ...]:
-    """Gives the lets of a plant with a `choose`: they are evaluated once a step."""
+def lets_that_choose(plant: typed.PlantSymbol) -> tuple[typed.Variable, ...]:
+    """Gives the variables of a plant's lets that contain a `choose`; a step evaluates them once."""
     return tuple([v for v, e in plant.lets if chooses(e)])
 
 
-def first_lets(plant: typed.PlantSymbol) -> tuple[tuple[typed.Variable, typed.TypedExpr], ...]:
+def lets_run_first(plant: typed.PlantSymbol) -> tuple[tuple[typed.Variable, typed.TypedExpr], ...]:
     """Gives the lets that a step evaluates first: all up to the last one that chooses."""
     last = max((i for i, (_, e) in enumerate(plant.lets) if chooses(e)), default=-1)
     return plant.lets[: last + 1]
@@ -200,20 +200,20 @@ def count_costs(program: typed.TypedProgram, diagnostics: Diagnostics) -> None:
     for fun in program.funs.values():
         counter.count_function(fun)
     for node in program.nodes.values():
-        cost = counter.node(node)
+        cost = counter.cost_of_node(node)
         if not node.extern:
             program.costs[node] = cost
     for plant in program.plants.values():
         counter.compare_cost_of_plant(plant)
     for module in program.modules.values():
-        cost = counter.module(module)
+        cost = counter.cost_of_module(module)
         if module.ttf is not None and module.safer is not None:
             program.costs[module] = cost
     properties = [p for s in program.systems.values() for p in s.properties]
     properties += [p for t in program.tests.values() for p in t.properties]
     for p in properties:
         asked = [e for e in (p.premise, p.condition) if e is not None]
-        counter.expressions(asked, "this property", p.span)
+        counter.cost_of_all(asked, "this property", p.span)
 
 
 def cost_of(fun: typed.FunSymbol) -> typed.Cost:
@@ -229,31 +229,31 @@ class _Counter:
     def __init__(self, diagnostics: Diagnostics) -> None:
         self.diagnostics = diagnostics
         self.costs: dict[typed.FunSymbol, typed.Cost] = {}
-        self._absurd: set[typed.FunSymbol] = set()
-        self._said = False
+        self._over_limit: set[typed.FunSymbol] = set()
+        self._is_reported = False
 
-    def node(self, node: typed.NodeSymbol) -> typed.Cost:
+    def cost_of_node(self, node: typed.NodeSymbol) -> typed.Cost:
         """Gives the cost of a step of a node, and of its takeover."""
         kept = [v.type for v in node.locals] + [t for _, t in node.answers]
         size = BYTES * sum(leaf_count(t) for t in kept)
         body = (*(node.takeover or ()), *node.step)
-        cost = self.body(body, f"`{node.name}`", node.span, size)
-        self.expressions((*node.assumes, *node.guarantees), f"`{node.name}`", node.span)
+        cost = self.cost_of_body(body, f"`{node.name}`", node.span, size)
+        self.cost_of_all((*node.assumes, *node.guarantees), f"`{node.name}`", node.span)
         return cost
 
     def compare_cost_of_plant(self, plant: typed.PlantSymbol) -> None:
         """Compares the cost of a plant's step with the limit."""
-        self.expressions(plant_code(plant), f"`{plant.name}`", plant.span)
+        self.cost_of_all(plant_code(plant), f"`{plant.name}`", plant.span)
 
-    def module(self, module: typed.ModuleSymbol) -> typed.Cost:
-        """The cost of a decision; compares code that only a proof evaluates with the limit."""
+    def cost_of_module(self, module: typed.ModuleSymbol) -> typed.Cost:
+        """Gives the cost of a decision; also compares code for proofs alone with the limit."""
         decided = [e for e in (module.ttf, module.safer) if e is not None]
         others = [e for e in module.expressions if e not in decided]
         blocks = (module.verify, *(v.block for v in module.verify.views))
         links = [link for block in blocks for link in block.abstracts]
         others += [link.value for link in links if link.value is not None]
-        cost = self.expressions(decided, f"`{module.name}`", module.span)
-        self.expressions(others, f"`{module.name}`", module.span)
+        cost = self.cost_of_all(decided, f"`{module.name}`", module.span)
+        self.cost_of_all(others, f"`{module.name}`", module.span)
         return cost
 
     def count_function(self, root: typed.FunSymbol) -> None:
@@ -267,12 +267,12 @@ class _Counter:
                 continue
             path.pop()
             size = BYTES * (leaf_count(fun.result) + _numbers_copied(fun.parameters))
-            cost = self.body(fun.body or (), f"`{fun.name}`", fun.span, size)
+            cost = self.cost_of_body(fun.body or (), f"`{fun.name}`", fun.span, size)
             self.costs[fun] = cost if fun.body is not None else typed.Cost(0, size, (fun.name,))
-            if self._said:
-                self._absurd.add(fun)
+            if self._is_reported:
+                self._over_limit.add(fun)
 
-    def body(
+    def cost_of_body(
         self, body: Sequence[typed.TypedStmt], owner: str, span: Span, size: int
     ) -> typed.Cost:
         """Gives the cost of a body, whose other values have `size` bytes.
@@ -283,8 +283,8 @@ class _Counter:
         for fun in called:
             if fun not in self.costs:
                 self.count_function(fun)
-        self._said = any(f in self._absurd for f in called)
-        operations = self._limited(self._block(body), owner, span)
+        self._is_reported = any(f in self._over_limit for f in called)
+        operations = self._limited(self._block_cost(body), owner, span)
         below = [self.costs[f] for f in called]
         size += BYTES * sum(_numbers_declared(s) for s in nodes(body))
         externs = dict.fromkeys(name for c in below for name in c.externs)
@@ -292,14 +292,14 @@ class _Counter:
             operations, size + max((c.bytes for c in below), default=0), tuple(externs)
         )
 
-    def expressions(self, exprs: Iterable[typed.TypedExpr], owner: str, span: Span) -> typed.Cost:
+    def cost_of_all(self, exprs: Iterable[typed.TypedExpr], owner: str, span: Span) -> typed.Cost:
         """Gives the cost of evaluating all of the expressions."""
-        return self.body([typed.TypedReturn(e.span, e) for e in exprs], owner, span, 0)
+        return self.cost_of_body([typed.TypedReturn(e.span, e) for e in exprs], owner, span, 0)
 
     def _limited(self, count: int, owner: str, span: Span) -> int:
-        if count <= MAX_OPERATIONS or self._said:
+        if count <= MAX_OPERATIONS or self._is_reported:
             return min(count, MAX_OPERATIONS)
-        self._said = True
+        self._is_reported = True
         self.diagnostics.error(
             "T007",
             f"{owner} may take {_count_text(count)} operations",
@@ -309,33 +309,33 @@ class _Counter:
         )
         return MAX_OPERATIONS
 
-    def _block(self, statements: Iterable[typed.TypedStmt]) -> int:
-        return sum(self._statement(s) for s in statements)
+    def _block_cost(self, statements: Iterable[typed.TypedStmt]) -> int:
+        return sum(self._statement_cost(s) for s in statements)
 
-    def _statement(self, s: typed.TypedStmt) -> int:
+    def _statement_cost(self, s: typed.TypedStmt) -> int:
         if isinstance(s, typed.TypedIf):
-            conditions = sum(self._expr(c) for c, _ in s.arms)
-            bodies = [self._block(body) for _, body in s.arms]
-            return 1 + conditions + max([*bodies, self._block(s.otherwise)])
+            conditions = sum(self._cost(c) for c, _ in s.arms)
+            bodies = [self._block_cost(body) for _, body in s.arms]
+            return 1 + conditions + max([*bodies, self._block_cost(s.otherwise)])
         if isinstance(s, typed.ForRange):
-            return 1 + self._loop(max(0, s.high - s.low), 1, s)
+            return 1 + self._loop_cost(max(0, s.high - s.low), 1, s)
         if isinstance(s, typed.ForEach):
             t = s.sequence.type
             assert isinstance(t, (ArrayType, ListType))
             times = t.size if isinstance(t, ArrayType) else t.capacity
-            return 1 + self._expr(s.sequence) + self._loop(times, leaf_count(t.element), s)
+            return 1 + self._cost(s.sequence) + self._loop_cost(times, leaf_count(t.element), s)
         moved = leaf_count(s.value.type) if isinstance(s, MOVING) else 1
-        return moved + sum(self._expr(e) for e in children(s))
+        return moved + sum(self._cost(e) for e in children(s))
 
-    def _loop(self, times: int, start: int, s: typed.ForRange | typed.ForEach) -> int:
-        return self._limited(times * (start + self._block(s.body)), "this loop", s.span)
+    def _loop_cost(self, times: int, start: int, s: typed.ForRange | typed.ForEach) -> int:
+        return self._limited(times * (start + self._block_cost(s.body)), "this loop", s.span)
 
-    def _expr(self, e: object) -> int:
+    def _cost(self, e: object) -> int:
         """Gives how many operations an expression takes, or the path of a place."""
         if isinstance(e, typed.Conditional):
-            sides = (self._expr(e.then), self._expr(e.otherwise))
-            return 1 + self._expr(e.condition) + max(sides)
-        parts = sum(self._expr(p) for p in children(e))
+            sides = (self._cost(e.then), self._cost(e.otherwise))
+            return 1 + self._cost(e.condition) + max(sides)
+        parts = sum(self._cost(p) for p in children(e))
         if isinstance(e, typed.TypedCall):
             return parts + 1 + _numbers_copied(e.fun.parameters) + self.costs[e.fun].operations
         if isinstance(e, typed.Builtin):
@@ -371,27 +371,27 @@ def _count_text(count: int) -> str:
 
 
 def joined(op: str, parts: Sequence[typed.TypedExpr], span: Span) -> typed.TypedExpr:
-    """Gives the parts joined by `op`; without parts true for `&&`, false for `||`."""
+    """Gives one expression that joins the parts by `op`; of no parts true for `&&`, else false."""
     if not parts:
         return typed.Literal(BOOL, span, op == "&&")
     return reduce(lambda a, b: typed.TypedBinary(BOOL, span, op, a, b), parts)
 
 
 def conjuncts(predicate: typed.TypedExpr) -> list[typed.TypedExpr]:
-    """Gives the expressions whose conjunction is the predicate; itself if over `PARTS_MAX`."""
-    parts = _parts(predicate)
+    """Gives the parts that `&&` joins to the predicate; itself alone if over `PARTS_MAX`."""
+    parts = _all_conjuncts(predicate)
     return parts if len(parts) <= PARTS_MAX else [predicate]
 
 
 def disjuncts(predicate: typed.TypedExpr) -> list[typed.TypedExpr]:
-    """Gives the expressions of which the predicate is the disjunction; `!(a && b)` has two, too."""
+    """Gives the parts that `||` joins to the predicate; `!(a && b)` has two: `!a` and `!b`."""
     inner = returned(predicate) if isinstance(predicate, typed.TypedCall) else None
     if inner is not None and len(parts := disjuncts(inner)) > 1:
         return parts
     if isinstance(predicate, typed.TypedBinary) and predicate.op == "||":
         return [*disjuncts(predicate.left), *disjuncts(predicate.right)]
     if isinstance(predicate, typed.TypedUnary) and predicate.op == "!":
-        return [replace(predicate, operand=part) for part in _parts(predicate.operand)]
+        return [replace(predicate, operand=part) for part in _all_conjuncts(predicate.operand)]
     return [predicate]
 
 
@@ -408,36 +408,36 @@ def premise_of(predicate: typed.TypedExpr) -> typed.TypedExpr | None:
     return negated[0] if len(negated) == 1 else None
 
 
-def _parts(e: typed.TypedExpr) -> list[typed.TypedExpr]:
+def _all_conjuncts(e: typed.TypedExpr) -> list[typed.TypedExpr]:
     if isinstance(e, typed.TypedBinary) and e.op == "&&":
-        return [*_parts(e.left), *_parts(e.right)]
+        return [*_all_conjuncts(e.left), *_all_conjuncts(e.right)]
     if isinstance(e, typed.TypedCall):
         inner = returned(e)
-        if inner is not None and len(parts := _parts(inner)) > 1:
+        if inner is not None and len(parts := _all_conjuncts(inner)) > 1:
             return parts
     return [e]
 
 
 def returned(call: typed.TypedCall) -> typed.TypedExpr | None:
-    """Gives the expression that a call stands for if its function is only a `return`; or None."""
+    """Gives what a call returns, arguments put in, if its function is one `return`; or None."""
     body = call.fun.body
     if body is None or len(body) != 1 or not isinstance(body[0], typed.TypedReturn):
         return None
     argument_of = dict(zip(call.fun.parameters, call.arguments, strict=True))
 
-    def argument(e: typed.TypedExpr) -> typed.TypedExpr:
+    def argument_or_itself(e: typed.TypedExpr) -> typed.TypedExpr:
         return argument_of.get(e.variable, e) if isinstance(e, typed.VarRead) else e
 
-    expansion: typed.TypedExpr = rewritten(body[0].value, argument)
+    expansion: typed.TypedExpr = rewritten(body[0].value, argument_or_itself)
     return expansion
 
 
-def same_expression(a: typed.TypedExpr, b: typed.TypedExpr) -> bool:
+def are_same_expression(a: typed.TypedExpr, b: typed.TypedExpr) -> bool:
     """Whether two expressions are written alike, and so have the same value at one moment."""
-    return _structure_of(a) == _structure_of(b)
+    return _comparable_form(a) == _comparable_form(b)
 
 
-def _structure_of(e: Any) -> object:  # noqa: ANN401 - any part of an expression
+def _comparable_form(e: Any) -> object:  # noqa: ANN401 - any part of an expression
     """Gives the structure of an expression without its place, to be compared.
 
     The structure of a choice, or of an extern's answer, equals no other.
@@ -453,7 +453,7 @@ def _structure_of(e: Any) -> object:  # noqa: ANN401 - any part of an expression
         form += [name, value if isinstance(value, str) else id(value)]
     if isinstance(e, typed.Literal):
         form.append(repr(e.value))
-    return (*form, *[_structure_of(child) for child in children(e)])
+    return (*form, *[_comparable_form(child) for child in children(e)])
 
 
 def _may_differ(fun: typed.FunSymbol) -> bool:

@@ -155,7 +155,7 @@ class TypedBinary(TypedExpr):
 
 @dataclass(eq=False, repr=False)
 class Vector(TypedExpr):
-    """Componentwise, on one or two vectors.
+    """An operation component by component, on one or two vectors.
 
     vector + vector, vector - vector, scalar * vector, vector * scalar, vector / scalar (faults on
     zero). Operands are evaluated once, left first; each component is the machine operation in
@@ -178,7 +178,7 @@ class Conditional(TypedExpr):
 
 @dataclass(eq=False, repr=False)
 class TypedCall(TypedExpr):
-    """A call of a declared function; arguments left to right."""
+    """A call of a declared function; arguments are evaluated from left to right."""
 
     fun: FunSymbol
     arguments: tuple[TypedExpr, ...]
@@ -186,7 +186,7 @@ class TypedCall(TypedExpr):
 
 @dataclass(eq=False, repr=False)
 class Builtin(TypedExpr):
-    """A machine operation; arguments left to right.
+    """A built-in function; arguments are evaluated from left to right.
 
     sqrt floor abs min max (float, abs/min/max also int; abs(INT_MIN) faults);
     float(int); int(float) truncates, faults when NaN or out of range;
@@ -202,7 +202,7 @@ class Builtin(TypedExpr):
 
 @dataclass(eq=False, repr=False)
 class TypedField(TypedExpr):
-    """Field `index` of a record."""
+    """The field number `index` of a record."""
 
     target: TypedExpr
     index: int
@@ -210,7 +210,7 @@ class TypedField(TypedExpr):
 
 @dataclass(eq=False, repr=False)
 class Index(TypedExpr):
-    """Element of an array or list; faults when out of range (of `len` for lists)."""
+    """An element of an array or list; a fault if the index is out of range (`len` for lists)."""
 
     target: TypedExpr
     index: TypedExpr
@@ -251,7 +251,7 @@ class TypedChoose(TypedExpr):
 
 @dataclass(eq=False, repr=False)
 class Narrow(TypedExpr):
-    """An int put into an `int in [a, b]` (the type of this node): faults when outside."""
+    """An int that becomes an `int in [a, b]`, the type of this node; a fault if it is outside."""
 
     operand: TypedExpr
 
@@ -329,7 +329,7 @@ class Assert(TypedStmt):
 
 @dataclass(eq=False, repr=False)
 class TypedIf(TypedStmt):
-    """Arms in order; `otherwise` may be empty."""
+    """`if c {...} elseif d {...} else {...}`: `arms` in order; `otherwise` may be empty."""
 
     arms: tuple[tuple[TypedExpr, tuple[TypedStmt, ...]], ...]
     otherwise: tuple[TypedStmt, ...]
@@ -397,7 +397,7 @@ class FunSymbol(Symbol):
 
 @dataclass(eq=False, repr=False)
 class RangeSet(Shown):
-    """Bounds of one or many leaves: expressions over constants and parameters."""
+    """The bounds of one or more leaves: expressions over constants and parameters."""
 
     low: TypedExpr
     high: TypedExpr
@@ -456,18 +456,18 @@ class NodeSymbol(Symbol):
 
     @property
     def answers(self) -> list[tuple[str, Type]]:
-        """Short name and type of each output that an extern node answers; a list for a burst."""
+        """Gives (short name, type) of each output of an extern node; a list type for a burst."""
         return [(t.name.rpartition(".")[2], self.answer_type(t)) for t in self.publishes]
 
     def answer_type(self, topic: TopicSymbol) -> Type:
-        """The type of what a step publishes on a topic: the topic's, or a list for a burst."""
+        """Gives the type of what a step publishes on a topic: its own, or a list for a burst."""
         limit = self.bursts.get(topic)
         return topic.type if limit is None else ListType(topic.type, limit)
 
-    def node_that_does(
+    def node_with_step(
         self, step: tuple[TypedStmt, ...], subscribes: tuple[Subscribed, ...] = ()
     ) -> NodeSymbol:
-        """Gives a node of this name that does `step` and has no locals, in place of this one."""
+        """Gives a copy of this node that has another step, and no locals and conditions."""
         return replace(
             self,
             extern=False,
@@ -666,28 +666,28 @@ class ModuleSymbol(Symbol):
     """With `plans`: the topic that tells `sc` which one, by its number."""
 
     @property
-    def own(self) -> tuple[NodeSymbol, ...]:
-        """Gives the controllers of the module, AC and SC."""
+    def controllers(self) -> tuple[NodeSymbol, ...]:
+        """Gives the two controllers of the module: AC and SC."""
         return self.ac, self.sc
 
     @property
-    def named(self) -> tuple[NodeSymbol, ...]:
+    def named_nodes(self) -> tuple[NodeSymbol, ...]:
         """Gives the nodes that the program names for the module: its controllers, or its plans."""
         return (self.ac, *(self.plans or (self.sc,)))
 
     @property
     def acknowledgements(self) -> tuple[TopicSymbol, ...]:
-        """Gives the topic that releases its latch, or ()."""
+        """Gives the topic whose press releases the module's latch, as (topic,); else ()."""
         topic = None if self.latch is None else self.latch.topic
         return () if topic is None else (topic,)
 
     @property
-    def moved(self) -> tuple[TopicSymbol, ...]:
+    def moved_topics(self) -> tuple[TopicSymbol, ...]:
         """Gives the topics that SC still moves once `rest` holds."""
         return () if self.rest is None else tuple(m.topic for m in self.rest.moves)
 
     @property
-    def stays(self) -> str:
+    def stay_clause(self) -> str:
         """Gives the clause by which SC may keep control for ever; "" without one."""
         if self.latch is not None and self.latch.topic is None:
             return "returns never"
@@ -700,13 +700,13 @@ class ModuleSymbol(Symbol):
 
     @property
     def predicates(self) -> tuple[TypedExpr, ...]:
-        """Gives `safe`, `ttf`, `safer` and the hint `core` of the module, those it has."""
+        """Gives those of `safe`, `ttf`, `safer` and the hint `core` that the module has."""
         predicates = (self.safe, self.ttf, self.safer, self.verify.core)
         return tuple(e for e in predicates if e is not None)
 
     @property
     def predicates_and_lemmas(self) -> tuple[TypedExpr, ...]:
-        """Gives `predicates`, and the conditions of lemmas, `progress`, `enters` and `rest`."""
+        """Gives the `predicates`, and the conditions of lemmas, `progress`, `enters`, `rest`."""
         verify = self.verify
         enters = () if verify.enters is None else (verify.enters,)
         rest = () if self.rest is None else (self.rest.condition,)
@@ -720,7 +720,7 @@ class ModuleSymbol(Symbol):
 
 @dataclass(eq=False, repr=False)
 class MeasuredSymbol(Shown):
-    """An estimator error bound on the leaves of a driven topic below `path`."""
+    """The greatest error of an estimator on the leaves of a driven topic below `path`."""
 
     topic: TopicSymbol
     path: tuple[str, ...]
@@ -889,7 +889,7 @@ class SetSymbol(Shown):
 
 @dataclass(eq=False, repr=False)
 class ByContract(Symbol):
-    """What stands in `replace M by contract;` where others name a node or a plant."""
+    """The replacement in `replace M by contract;`, where others name a node or a plant."""
 
 
 @dataclass(eq=False, repr=False)
@@ -914,7 +914,7 @@ class SystemSymbol(Symbol):
 
     @cached_property
     def by_name(self) -> dict[str, InstanceSymbol]:
-        """Gives name -> instance."""
+        """Gives name of an instance -> the instance."""
         return {i.name: i for i in self.instances}
 
 
@@ -936,7 +936,7 @@ class TestSymbol(Symbol):
 
 
 class Cost(NamedTuple):
-    """What one execution takes at most, as `language/model/tree_walk.py` counts."""
+    """What one execution takes at most, as counted by `language/model/tree_walk.py`."""
 
     operations: int
     bytes: int
@@ -967,7 +967,7 @@ class TypedProgram(Shown):
     system_sizes: dict[SystemSymbol, tuple[int, int]] = field(default_factory=dict)
     """System -> how many components and levels `SizeCounter` has counted in it."""
     doubted: set[object] = field(default_factory=set)
-    """(Node or plant, its parameters) pairs whose steps were examined for warnings."""
+    """Pairs (node or plant, its parameters) whose steps were already examined for warnings."""
     trials: dict[tuple[object, ...], list[Any]] = field(default_factory=dict)
     """Results of module predicates at values that `contradictory_predicates.py` has tried."""
     costs: dict[NodeSymbol | ModuleSymbol, Cost] = field(default_factory=dict)
@@ -985,7 +985,7 @@ class TypedProgram(Shown):
         return tuple([name for table in tables for name, s in table.items() if s.extern])
 
     def param(self, name: str) -> ParamSymbol | None:
-        """The parameter that a name means, such as `GAIN` or an instance's `r[0].GAIN`; or None."""
+        """Gives the parameter that a name means, `GAIN` or an instance's `r[0].GAIN`; or None."""
         while name not in self.params and "." in name:
             name = name.partition(".")[2]
         return self.params.get(name)

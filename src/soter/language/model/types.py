@@ -34,7 +34,7 @@ Value = Any
 
 @dataclass(frozen=True, slots=True)
 class Type:
-    """Any type."""
+    """A type of Soter; base class of all."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,7 @@ class BoolType(Type):
 
 @dataclass(frozen=True, slots=True)
 class IntType(Type):
-    """`int`, or `int in [low, high]`, which is stored packed; arithmetic is on 64 bits.
+    """`int` or `int in [low, high]`, stored in as few bytes as fit; arithmetic has 64 bits.
 
     `unit`: what the number counts, for people; types that differ only in it are the same.
     """
@@ -143,7 +143,7 @@ class ListType(Type):
 
 @dataclass(frozen=True, slots=True)
 class ErrorType(Type):
-    """The type of a wrong expression that was reported; it fits everything, to report no more."""
+    """The type of a wrong expression; it fits all types, so that nothing is reported twice."""
 
     def __str__(self) -> str:
         return "<error>"
@@ -179,7 +179,7 @@ def default_value(t: Type) -> Value:
 
 
 def with_unit(t: Type, unit: str) -> Type:
-    """Gives the same type with this unit for every number that has none."""
+    """Gives the type in which every number without a unit has this one."""
     if isinstance(t, (FloatType, IntType)):
         return t if t.unit else replace(t, unit=unit)
     if isinstance(t, RecordType):
@@ -226,7 +226,7 @@ def leaf_name(name: str, path: Iterable[str]) -> str:
 
 
 def positions(t: Type, path: Iterable[str]) -> list[int]:
-    """Gives the positions of fields and elements along a path of `leaves`."""
+    """Gives the position of each field or element on a path, which is one of `leaves(t)`."""
     found: list[int] = []
     for part in path:
         if isinstance(t, RecordType):
@@ -289,7 +289,7 @@ UNITS = (("s", 10**9), ("ms", 10**6), ("us", 10**3), ("ns", 1))
 
 
 def _number_and_unit(ns: int) -> tuple[str, str]:
-    """Gives an exact number and a unit, the largest that is not above the duration."""
+    """Gives the exact number and the unit of a duration: the largest unit not above it."""
     if ns and ns % HOUR == 0:
         return f"{ns // HOUR}", "h"
     for unit, size in UNITS:
@@ -301,12 +301,12 @@ def _number_and_unit(ns: int) -> tuple[str, str]:
 
 
 def show_ns(ns: int) -> str:
-    """Gives a duration in a sentence: `10 ms`, `1.5 us`, `0 s`."""
+    """Gives the text of a duration in a sentence: `10 ms`, `1.5 us`, `0 s`."""
     return " ".join(_number_and_unit(ns))
 
 
 def write_ns(ns: int) -> str:
-    """Gives a duration as Soter source: `10ms`, `1.5us`."""
+    """Gives the text of a duration in Soter source: `10ms`, `1.5us`."""
     return "".join(_number_and_unit(ns))
 
 
@@ -315,12 +315,12 @@ class WrongTextError(Exception):
 
 
 def duration_ns(duration: float | str) -> int:
-    """A length of time in ns: text with its unit (`"30s"`, `"1.5 min"`), or a number of seconds.
+    """Gives the ns of a text with its unit (`"30s"`, `"1.5 min"`), or of a number of seconds.
 
-    Exact: `"0.1s"` is 100,000,000 ns. Raises `WrongTextError`.
+    The result is exact: `"0.1s"` is 100,000,000 ns. Raises `WrongTextError`.
     """
     if isinstance(duration, str):
-        ns = _duration_of_text(duration.strip())
+        ns = _ns_of_text(duration.strip())
     elif isinstance(duration, bool) or not hasattr(duration, "__float__"):
         raise WrongTextError(f"expected a text such as '30s', or seconds, found {duration!r}")
     else:
@@ -333,7 +333,7 @@ def duration_ns(duration: float | str) -> int:
     return ns
 
 
-def _duration_of_text(text: str) -> int:
+def _ns_of_text(text: str) -> int:
     match = _DURATION.fullmatch(text) if len(text) <= TEXT_MAX else None
     if match is None or match[2] not in UNIT_NS:
         units = ", ".join(UNIT_NS)

@@ -87,17 +87,17 @@ class Table(Sequence[Value]):
         self._sha256 = ""
 
     @classmethod
-    def of(cls, element: Type, values: Iterable[Value]) -> Table:
-        """Gives the table of these values."""
-        row, flat = struct.Struct("<" + _struct_format(element)), _flattener(element)
+    def of_values(cls, element: Type, values: Iterable[Value]) -> Table:
+        """Gives the table whose elements are these values."""
+        row, flat = struct.Struct("<" + _struct_format(element)), _leaf_lister(element)
         return cls(element, b"".join([row.pack(*flat(v)) for v in values]))
 
     @property
-    def of_floats(self) -> bool:
-        """Whether every leaf is a float: then `packed` is an array of doubles."""
+    def has_only_floats(self) -> bool:
+        """Whether every leaf is a float, so that `packed` is an array of doubles."""
         return is_vector_part(self.element)
 
-    def first_not_finite(self) -> int | None:
+    def index_of_first_not_finite(self) -> int | None:
         """Gives the index of the first element with a NaN or an infinity; or None."""
         rows = enumerate(self._row.iter_unpack(self.packed))
         return next((at for at, leaves in rows if not all(map(math.isfinite, leaves))), None)
@@ -155,7 +155,7 @@ def _struct_format(t: Type) -> str:
 
 
 def _value_reader(t: Type) -> Callable[[Iterator[Value]], Value]:
-    """Gives a function that makes a value from an iterator over its leaves, in order."""
+    """Gives the function that makes a value of the type from an iterator over its leaves."""
     if isinstance(t, RecordType):
         readers = [_value_reader(f) for _, f in t.fields]
         return lambda leaves: tuple([read(leaves) for read in readers])
@@ -175,31 +175,31 @@ def _value_reader(t: Type) -> Callable[[Iterator[Value]], Value]:
     return next
 
 
-def _flattener(t: Type) -> Callable[[Value], list[Value]]:
+def _leaf_lister(t: Type) -> Callable[[Value], list[Value]]:
     """Gives the function from a value to the list of its leaves, in order."""
     if isinstance(t, RecordType):
-        parts = [_flattener(f) for _, f in t.fields]
+        parts = [_leaf_lister(f) for _, f in t.fields]
         return lambda v: [x for part, each in zip(parts, v, strict=True) for x in part(each)]
     if isinstance(t, ArrayType):
-        element = _flattener(t.element)
+        element = _leaf_lister(t.element)
         if isinstance(t.element, FloatType):
             return list
         return lambda v: [x for each in v for x in element(each)]
     if isinstance(t, ListType):
-        inner, width, capacity = _flattener(t.element), len(_zeros(t.element)), t.capacity
+        inner, width, capacity = _leaf_lister(t.element), len(_zeros(t.element)), t.capacity
         padding = _zeros(t.element)
 
-        def flat_list(v: Value) -> list[Value]:
+        def list_with_padding(v: Value) -> list[Value]:
             elements = [x for each in v for x in inner(each)]
             assert len(elements) <= width * capacity
             return [len(v), *elements, *(padding * (capacity - len(v)))]
 
-        return flat_list
+        return list_with_padding
     return lambda v: [v]
 
 
 def _zeros(t: Type) -> list[Value]:
-    """Gives a list of as many zeros as a value has leaves in a table."""
+    """Gives the leaves, all zero, that a value of the type has in a table."""
     if isinstance(t, RecordType):
         return [x for _, f in t.fields for x in _zeros(f)]
     if isinstance(t, ArrayType):
@@ -223,14 +223,14 @@ class ValueShapeError(Exception):
 
 
 class ValueStructureError(ValueShapeError):
-    """Names or counts that the type does not have, whatever the numbers are."""
+    """A Python or JSON object whose names or counts are not those of the type."""
 
 
 # ---------------------------------------------------------------- Soter -> Python
 
 
 def to_python(t: Type, value: Value, record: Callable[..., Any] = SimpleNamespace) -> Any:  # noqa: ANN401
-    """Gives the value in the form that users' Python gets; for any type of Soter.
+    """Gives the Python object that users' code gets for a value of any type of Soter.
 
     Records become namespaces, or what `record` makes of their fields; arrays and lists of (arrays
     of) floats NumPy arrays, other arrays and lists Python lists, enums the name of the member,
@@ -266,7 +266,7 @@ def _block_shape(t: Type) -> tuple[int, ...]:
 
 
 def from_python(t: Type, value: object, path: str = "") -> Value:
-    """Gives the Soter value that `value` stands for; raises `ValueShapeError`.
+    """Gives the Soter value of a Python object, `value`; raises `ValueShapeError`.
 
     Floats: anything with `__float__`, but no array with dimensions. Ints: anything with
     `__index__`, in the type's range. Bools: bools. Enums: the name of a member. Records: a
@@ -354,7 +354,7 @@ def inputs_to_python(named: Iterable[tuple[str, Type, Value]]) -> SimpleNamespac
 
 
 def outputs_from_python(named: Sequence[tuple[str, Type]], answer: object) -> list[Value | None]:
-    """Gives the values in an extern step's answer, in the order of `named`; None if left out.
+    """Gives the values in an extern step's answer, one for each of `named`; None: left out.
 
     The answer maps short names to values; for a single output it may be the value. None, as the
     answer or a value, leaves out. Raises `ValueShapeError`, or `ValueStructureError` if names or
@@ -396,10 +396,10 @@ def to_json(t: Type, value: Value) -> Any:  # noqa: ANN401  any JSON document
 
 
 def from_json(t: Type, json: object, path: str = "") -> Value:
-    """Gives the value that a JSON document stands for; raises `ValueShapeError`.
+    """Gives the Soter value of a JSON document; raises `ValueShapeError`.
 
-    Stricter than Python: a bool is no number, a record is an object with exactly the fields,
-    and a number for a float is finite or one of the strings `to_json` writes.
+    It is stricter than `from_python`: a bool is no number, a record is an object with exactly the
+    fields, a number for a float is finite or one of the strings that `to_json` writes.
     """
     if isinstance(t, FloatType):
         return _float_from_json(json, path)
@@ -436,14 +436,14 @@ def _field_path(path: str, name: str) -> str:
 def _shape_error(
     path: str, expected: str, value: object, *, parts: bool = False
 ) -> ValueShapeError:
-    """Gives the error for `value`; `parts`: a value of several parts was expected."""
+    """Gives the error that `value` is not as `expected`; `parts`: which has several parts."""
     structure = parts or isinstance(value, Mapping) or _is_sequence(value)
     error = ValueStructureError if structure else ValueShapeError
-    return error(path, f"expected {expected}, found {_described(value)}{_shape_hint(value)}")
+    return error(path, f"expected {expected}, found {_description(value)}{_shape_hint(value)}")
 
 
 def _shape_hint(value: object) -> str:
-    """Gives a hint at what to write instead; "" if nothing is close."""
+    """Gives a hint at what to write in place of a wrong value; "" if there is none."""
     if isinstance(value, (list, tuple)) and len(value) == 1:
         return ": give its one element, `float(y[0])`"
     if isinstance(value, Mapping) and value and all(isinstance(k, str) for k in value):
@@ -452,7 +452,7 @@ def _shape_hint(value: object) -> str:
     return ""
 
 
-def _described(value: object) -> str:
+def _description(value: object) -> str:
     if value is None or isinstance(value, (bool, int, float, str)):
         text = repr(value)
         return text if len(text) <= 40 else f"a long {type(value).__name__}"

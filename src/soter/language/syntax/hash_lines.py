@@ -1,7 +1,7 @@
 """Explains lines that begin with `#`, as other languages have them.
 
-Purpose: of a directive of C, an attribute or a comment it says what Soter has instead, and which
-name the line would declare, so that its uses are not reported as well.
+Purpose: a directive of C, an attribute or a comment is reported with what Soter has instead, and
+with the name that the line would declare, so that uses of it are not reported as well.
 Non-goals: where such lines stand (`lexer.py`); words of other languages (`their_words.py`).
 """
 
@@ -33,14 +33,14 @@ class HashLine:
 
 
 def explain_hash_line(source: Source, token: str, start: int) -> HashLine:
-    """Explains the line `token`, which begins with `#` at offset `start`."""
+    """Gives the message about a line: its text `token` begins with `#`, at offset `start`."""
     hash_, whole = Span(source, start, start + 1), Span(source, start, start + len(token))
     define, include = _DEFINE.fullmatch(token), _INCLUDE.fullmatch(token)
     message = "there is no preprocessor"
     if define is not None:
         name, value = define[1], define[2]
-        of = "int" if value.lstrip("-").isdigit() else "float"
-        helps = (replace(whole, f"const {name}: {of} = {value};"),)
+        type_name = "int" if value.lstrip("-").isdigit() else "float"
+        helps = (replace(whole, f"const {name}: {type_name} = {value};"),)
         return HashLine(message, whole, helps, frozenset([name]))
     if include is not None:
         stem = include[1].rpartition("/")[2].partition(".")[0]
@@ -61,6 +61,6 @@ def explain_hash_line(source: Source, token: str, start: int) -> HashLine:
 
 
 def _included_name(stem: str, text: str) -> str:
-    """The name by which a text refers to an included file; the file's own if there is no use."""
+    """Gives the name by which a text uses an included file; `stem`, the file's, if it does not."""
     names = [stem, *reversed(stem.split("_"))]
     return next((n for n in names if n and re.search(rf"\b{n}\.(?!soter\b)[A-Za-z]", text)), stem)

@@ -13,10 +13,10 @@ import re
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Label, Span, made
+from soter.diagnostics.diagnostic import Label, Span, make_diagnostic
 from soter.diagnostics.fixes import replace
 from soter.language.syntax.hash_lines import explain_hash_line
-from soter.language.syntax.their_words import THEIRS, helps_for, word_at
+from soter.language.syntax.their_words import THEIRS, helps_for_word, table_word_at
 
 if TYPE_CHECKING:
     from soter.diagnostics.codes import Code
@@ -28,7 +28,7 @@ INT = "INT"
 FLOAT = "FLOAT"
 DURATION = "DURATION"
 STRING = "STRING"
-ERROR = "ERROR"  # a literal that was already reported
+ERROR = "ERROR"  # a wrong literal that was already reported
 EOF = "EOF"
 
 #: Words that are never names. Every other word of the grammar is a name elsewhere.
@@ -54,7 +54,7 @@ UNIT_NS = {
 
 _ERRORS_MAX = 100  # after so many lexical errors the file is not Soter: stop reading
 
-_LOOK_AHEAD = 5  # tokens the parser may look ahead without asking for the end
+_LOOK_AHEAD = 5  # tokens behind the end, so that the parser may look ahead without a check
 
 #: A word of the grammar where a statement begins with it and a name follows; a name elsewhere.
 PUSH = "push"
@@ -115,8 +115,8 @@ class Tokens:
 
     `kinds[i]` is the text itself for punctuation and reserved words, else one of the kinds
     above. `comments` are `(start, end)` offsets in order. `bad` holds indices of tokens at
-    which the lexer has already complained. `truncated` says that the rest of the file was
-    swallowed, so that its end is no news.
+    which an error was already reported, `lost` names that lines of other languages declare.
+    `truncated` says that the rest of the file was not read, so that its end is no error.
     """
 
     source: Source
@@ -130,7 +130,7 @@ class Tokens:
     truncated: bool = False
     lost: set[str] = field(default_factory=set)
 
-    def add(self, kind: str, text: str, start: int, end: int) -> None:
+    def append_token(self, kind: str, text: str, start: int, end: int) -> None:
         """Appends a token."""
         self.kinds.append(kind)
         self.texts.append(text)
@@ -148,9 +148,9 @@ class Tokens:
         notes: tuple[str, ...] = (),
         helps: tuple[Help, ...] = (),
     ) -> None:
-        """Keeps a lexical error, and silences the parser at the next token."""
+        """Keeps a lexical error; the parser then reports nothing at the next token."""
         primary = Label(Span(self.source, start, end), label)
-        self.problems.append(made(code, message, primary, (), notes, helps))
+        self.problems.append(make_diagnostic(code, message, primary, (), notes, helps))
         self.bad.add(len(self.kinds))
 
 
@@ -179,12 +179,12 @@ def lex(source: Source) -> Tokens:
             continue
         elif group == 5:
             if "\\" in token:
-                _check_escapes(tokens, token, end - len(token))
+                _report_unknown_escape(tokens, token, end - len(token))
             kinds.append(STRING)
         elif group == 6:
             break
         else:
-            _TROUBLE[group](tokens, token, end - len(token), end)  # type: ignore[index]
+            _REPORT_OF_GROUP[group](tokens, token, end - len(token), end)  # type: ignore[index]
             if len(tokens.problems) >= _ERRORS_MAX:
                 tokens.truncated = True
                 break
@@ -193,7 +193,7 @@ def lex(source: Source) -> Tokens:
         starts.append(end - len(token))
         ends.append(end)
     for _ in range(1 + _LOOK_AHEAD):
-        tokens.add(EOF, "", len(text), len(text))
+        tokens.append_token(EOF, "", len(text), len(text))
     if PUSH in kinds:
         _free_push_as_name(kinds)
     if not SOFT.isdisjoint(kinds):
@@ -220,7 +220,7 @@ def _free_push_as_name(kinds: list[str]) -> None:
 
 
 def string_value(text: str) -> str:
-    """Gives the characters a string token stands for; unknown escapes keep their backslash."""
+    """Gives the characters of a string token; unknown escapes keep their backslash."""
     body = text[1:-1] if len(text) > 1 and text.endswith('"') else text[1:]
     if "\\" not in body:
         return body
@@ -228,16 +228,16 @@ def string_value(text: str) -> str:
 
 
 def printable(text: str, limit: int = 24) -> str:
-    """Gives `text` safe to quote in a message: printable, on one line, not too long."""
-    shown = "".join(c if c.isprintable() else _code_point(c) for c in text[:limit])
+    """Gives a text to quote in a message: printable, on one line, cut after `limit` characters."""
+    shown = "".join(c if c.isprintable() else _code_point_text(c) for c in text[:limit])
     return shown + "..." if len(text) > limit else shown
 
 
-def _code_point(char: str) -> str:
+def _code_point_text(char: str) -> str:
     return f"<U+{ord(char):04X}>"
 
 
-def _check_escapes(tokens: Tokens, token: str, start: int) -> None:
+def _report_unknown_escape(tokens: Tokens, token: str, start: int) -> None:
     for match in _BAD_ESCAPE.finditer(token):
         if match[0][1:] not in _ESCAPES:
             tokens.report(
@@ -250,7 +250,7 @@ def _check_escapes(tokens: Tokens, token: str, start: int) -> None:
             return
 
 
-def _report_wide_word(tokens: Tokens, token: str, start: int, end: int) -> None:
+def _report_non_ascii_name(tokens: Tokens, token: str, start: int, end: int) -> None:
     wide = next(c for c in token if not c.isascii())
     at = start + token.index(wide)
     tokens.report(
@@ -258,11 +258,11 @@ def _report_wide_word(tokens: Tokens, token: str, start: int, end: int) -> None:
         f"`{printable(token)}` is not a name",
         start,
         end,
-        f"`{printable(wide)}` ({_code_point(wide)[1:-1]}) at column "
+        f"`{printable(wide)}` ({_code_point_text(wide)[1:-1]}) at column "
         f"{tokens.source.column_of(at)} is not an ASCII letter",
         notes=("names are made of the letters a-z and A-Z, digits and `_`: they become C names",),
     )
-    tokens.add(NAME, token, start, end)
+    tokens.append_token(NAME, token, start, end)
 
 
 def _report_malformed_number(tokens: Tokens, token: str, start: int, end: int) -> None:
@@ -296,7 +296,7 @@ def _report_malformed_number(tokens: Tokens, token: str, start: int, end: int) -
     else:
         label = "a name cannot start with a digit"
     tokens.report(code, message, start, end, label, notes=notes, helps=helps)
-    tokens.add(ERROR, token, start, end)
+    tokens.append_token(ERROR, token, start, end)
 
 
 def _decimal_help(token: str, span: Span) -> tuple[Help, ...]:
@@ -307,7 +307,7 @@ def _decimal_help(token: str, span: Span) -> tuple[Help, ...]:
 
 
 def period_text(rate: float) -> str:
-    """Gives the period of a rate in Hz, as it would be written."""
+    """Gives the period of a rate in Hz as source text: `10ms`."""
     if not 1e-3 < rate < 1e9:
         return "10ms"
     period_ms = 1e3 / rate
@@ -315,7 +315,7 @@ def period_text(rate: float) -> str:
 
 
 def _unit_help(number: str, unit: str, span: Span) -> Help | None:
-    """Gives help for a misspelt unit of time, a suffix, or a unit of another quantity."""
+    """Gives the help for a number with a wrong unit or suffix; None if there is none."""
     if unit.lower() == "hz":
         period = period_text(float(number.replace("_", "")))
         return replace(span, period, f"a period is a time: `{period}`")
@@ -338,10 +338,10 @@ def _report_open_string(tokens: Tokens, token: str, start: int, end: int) -> Non
         "starts here and runs to the end of the line",
         helps=('close it with `"` on the same line',),
     )
-    tokens.add(STRING, body, start, start + len(body))
+    tokens.append_token(STRING, body, start, start + len(body))
     tokens.bad.add(len(tokens.kinds))
     if body != token.rstrip():
-        tokens.add(";", ";", start + len(body), start + len(body) + 1)
+        tokens.append_token(";", ";", start + len(body), start + len(body) + 1)
         tokens.bad.add(len(tokens.kinds))
     del end
 
@@ -359,7 +359,7 @@ def _report_open_comment(tokens: Tokens, token: str, start: int, end: int) -> No
     tokens.truncated = True
 
 
-def _report_foreign(tokens: Tokens, token: str, start: int, end: int) -> None:
+def _report_foreign_text(tokens: Tokens, token: str, start: int, end: int) -> None:
     span = Span(tokens.source, start, end)
     if token[0] == "#":
         line = explain_hash_line(tokens.source, token.rstrip(), start)
@@ -372,22 +372,22 @@ def _report_foreign(tokens: Tokens, token: str, start: int, end: int) -> None:
         message = "there are no characters and no texts at run time"
         helps = ("name the cases, `type Name = enum { A, B };`, or write a number",)
     tokens.report("L001", message, start, end, helps=helps)
-    tokens.add(STRING, token, start, end)
+    tokens.append_token(STRING, token, start, end)
     tokens.bad.add(len(tokens.kinds))
 
 
-def _report_lookalike(tokens: Tokens, token: str, start: int, end: int) -> None:
+def _report_operator_lookalike(tokens: Tokens, token: str, start: int, end: int) -> None:
     operand = tokens.kinds and tokens.kinds[-1] in ("(", ",", "=")
     if operand and token.startswith("&"):
         _report_unknown_characters(tokens, token, start, end)
         return
     meant = token * 2 if token in ("&", "|") else token
-    point = "" if token.isascii() else f" ({_code_point(token)[1:-1]})"
+    point = "" if token.isascii() else f" ({_code_point_text(token)[1:-1]})"
     message = f"`{token}`{point} is not an operator of Soter"
     span = Span(tokens.source, start, end)
     helps = () if meant == token else (replace(span, meant),)
     tokens.report("L001", message, start, end, helps=helps)
-    tokens.add(meant, meant, start, end)
+    tokens.append_token(meant, meant, start, end)
 
 
 def _report_unknown_characters(tokens: Tokens, token: str, start: int, end: int) -> None:
@@ -397,17 +397,17 @@ def _report_unknown_characters(tokens: Tokens, token: str, start: int, end: int)
     else:
         message = f"unexpected characters `{printable(token)}`"
     label = "no token of Soter begins like this"
-    word = "" if token[0] in "&|" else word_at(tokens.source.text, start)
-    helps = helps_for(word, Span(tokens.source, start, start + len(word)))
+    word = "" if token[0] in "&|" else table_word_at(tokens.source.text, start)
+    helps = helps_for_word(word, Span(tokens.source, start, start + len(word)))
     tokens.report("L001", message, start, end, label, helps=helps)
 
 
-_TROUBLE = {
-    7: _report_wide_word,
+_REPORT_OF_GROUP = {
+    7: _report_non_ascii_name,
     8: _report_malformed_number,
     9: _report_open_string,
     10: _report_open_comment,
-    11: _report_foreign,
-    12: _report_lookalike,
+    11: _report_foreign_text,
+    12: _report_operator_lookalike,
     13: _report_unknown_characters,
 }

@@ -1,4 +1,4 @@
-"""Base classes of trees: dataclasses that are cheap to define, as every command defines them all.
+"""Base classes of trees: dataclasses that Python defines quickly, as every command needs them all.
 
 Purpose: `node` makes a dataclass whose objects never change; `Node` compares, hashes and shows its
 objects by code written once, not compiled anew for each class; `Shown` only shows them.
@@ -37,9 +37,9 @@ class Shown:
     __slots__ = ()
 
     def __repr__(self) -> str:
-        own: Any = type(self)
-        parts = (f"{name}={getattr(self, name)!r}" for name in _names(own))
-        return f"{own.__qualname__}({', '.join(parts)})"
+        kind: Any = type(self)
+        parts = (f"{name}={getattr(self, name)!r}" for name in _field_names(kind))
+        return f"{kind.__qualname__}({', '.join(parts)})"
 
 
 class Node(Shown):
@@ -57,13 +57,13 @@ class Node(Shown):
 
 
 @cache
-def _names(of: Any) -> tuple[str, ...]:  # noqa: ANN401 - a dataclass
-    return tuple([f.name for f in fields(of)])
+def _field_names(kind: Any) -> tuple[str, ...]:  # noqa: ANN401 - a dataclass
+    return tuple([f.name for f in fields(kind)])
 
 
 @cache
-def _getter(of: Any) -> Callable[[object], tuple[object, ...]]:  # noqa: ANN401 - the same
-    names = _names(of)
+def _values_getter(kind: Any) -> Callable[[object], tuple[object, ...]]:  # noqa: ANN401 - the same
+    names = _field_names(kind)
     if len(names) > 1:
         return attrgetter(*names)
     return lambda node: tuple([getattr(node, name) for name in names])
@@ -71,5 +71,5 @@ def _getter(of: Any) -> Callable[[object], tuple[object, ...]]:  # noqa: ANN401 
 
 def field_values(node: object) -> tuple[object, ...]:
     """Gives the values of a node's fields, in declared order."""
-    own: Any = type(node)
-    return _getter(own)(node)
+    kind: Any = type(node)
+    return _values_getter(kind)(node)

@@ -44,7 +44,7 @@ _ITEM_BOUNDARY, _AFTER_COMMA, _BEFORE_CLAUSE, _AFTER_ASSIGN, _ELSEWHERE = 0, 1, 
 
 
 def format_source(source: Source, diagnostics: Diagnostics) -> str | None:
-    """The text of `source` in the canonical layout; None, with errors, if it does not parse."""
+    """Gives `source` in the canonical layout; None, with errors, if it does not parse."""
     text = source.text
     for _ in range(_PASSES_MAX):
         pass_diagnostics = Diagnostics()
@@ -55,7 +55,7 @@ def format_source(source: Source, diagnostics: Diagnostics) -> str | None:
                 diagnostics.add(problem)
             return None
         layout = _Layout(parser)
-        result = layout.run()
+        result = layout.laid_out_text()
         if not layout.wrapped and result == text:
             break
         text = result
@@ -63,16 +63,16 @@ def format_source(source: Source, diagnostics: Diagnostics) -> str | None:
 
 
 def _has_same_tokens(source: Source, text: str) -> bool:
-    """Whether two texts differ in white space only: a formatter must never lose a character."""
+    """Whether a text differs from a source in white space only, as a formatter must ensure."""
     before, after = lex(source), lex(Source(source.name, text))
-    return before.texts == after.texts and _comments(before) == _comments(after)
+    return before.texts == after.texts and _comment_texts(before) == _comment_texts(after)
 
 
-def _comments(tokens: Tokens) -> list[str]:
-    return [_comment_text(tokens.source.text[a:b]) for a, b in tokens.comments]
+def _comment_texts(tokens: Tokens) -> list[str]:
+    return [_trimmed_comment(tokens.source.text[a:b]) for a, b in tokens.comments]
 
 
-def _comment_text(text: str) -> str:
+def _trimmed_comment(text: str) -> str:
     """Gives a comment without trailing white space and with plain line breaks."""
     return "\n".join(line.rstrip() for line in text.split("\n"))
 
@@ -92,7 +92,7 @@ class _Element:
 
 @dataclass(slots=True)
 class _OpenBracket:
-    """An open bracket."""
+    """A bracket that is open at the present element."""
 
     block: bool
     expanded: bool  # its contents begin on a new line
@@ -102,7 +102,7 @@ class _OpenBracket:
 
 @dataclass(slots=True)
 class _Piece:
-    """An element on its line. `level` says how good it is to break the line before it."""
+    """An element on its line; `level`: the cost of a line break before it, 0 is best."""
 
     space: str
     text: str
@@ -120,26 +120,26 @@ class _Line:
 
 
 class _Layout:
-    """One pass over the elements of a file."""
+    """Lays a file out in one pass over its elements."""
 
     def __init__(self, parser: Parser) -> None:
         self.tokens = parser.tokens
         self.blocks = set(parser.opened)
         self.tight = set(parser.tight)
         self.spaced = set(parser.spaced)
-        self.match = _closing_brackets(self.tokens.kinds)
+        self.match = _closing_by_opening_bracket(self.tokens.kinds)
         self.frames: list[_OpenBracket] = []
         self.lines: list[_Line] = []
         self.wrapped = False
         self.boundary = True  # between two items, or at the beginning
 
-    def run(self) -> str:
-        """Gives the laid-out text."""
+    def laid_out_text(self) -> str:
+        """Gives the text of the file in the canonical layout."""
         previous: _Element | None = None
-        for element in self._elements():
-            self._place(element, previous)
+        for element in self._elements_in_order():
+            self._place_element(element, previous)
             if element.index >= 0:
-                self._note_brackets(element)
+                self._follow_brackets(element)
             previous = element
         texts: list[str] = []
         for line in self.lines:
@@ -150,7 +150,7 @@ class _Layout:
 
     # ------------------------------------------------------------ elements
 
-    def _elements(self) -> list[_Element]:
+    def _elements_in_order(self) -> list[_Element]:
         tokens = self.tokens
         text = tokens.source.text
         places = [
@@ -169,24 +169,24 @@ class _Layout:
             if index >= 0:
                 elements.append(_Element(tokens.texts[index], tokens.kinds[index], index, breaks))
             else:
-                comment = _comment_text(text[start:end])
+                comment = _trimmed_comment(text[start:end])
                 elements.append(_Element(comment, comment[:2], -1, breaks))
             at = end
         return elements
 
-    def _note_brackets(self, element: _Element) -> None:
-        """Follows which brackets are open, and where items end."""
+    def _follow_brackets(self, element: _Element) -> None:
+        """Updates which brackets are open, and whether an item ends, after an element."""
         kind, index = element.kind, element.index
         base = self._base_indent()
         if kind in _OPEN:
             self.boundary = index in self.blocks
-            self.frames.append(self._open_bracket(index, base))
+            self.frames.append(self._bracket_opened_at(index, base))
         elif kind in _CLOSE:
             self.boundary = self.frames.pop().block
         else:
             self.boundary = kind == ";" and not any(not f.block for f in self.frames)
 
-    def _open_bracket(self, index: int, base: int) -> _OpenBracket:
+    def _bracket_opened_at(self, index: int, base: int) -> _OpenBracket:
         if index in self.blocks:
             return _OpenBracket(True, self._is_broken_block(index), base + _INDENT, base)
         line = self.lines[-1].indent
@@ -219,7 +219,7 @@ class _Layout:
 
     # ------------------------------------------------------------ placing
 
-    def _place(self, element: _Element, previous: _Element | None) -> None:
+    def _place_element(self, element: _Element, previous: _Element | None) -> None:
         if previous is None:
             self._begin_line(0, blank=False)
             self._append(element, "", None)
@@ -297,7 +297,7 @@ class _Layout:
         self.lines[-1].pieces.append(piece)
 
     def _break_level(self, element: _Element, previous: _Element) -> int:
-        """Gives how good a break here is: better with fewer open brackets and looser operators."""
+        """Gives the cost of a break here: lower with fewer open brackets and looser operators."""
         depth = sum(not f.block for f in self.frames) * 10
         if previous.kind == ",":
             return depth + _AFTER_COMMA
@@ -321,13 +321,13 @@ class _Layout:
         if before in ("-", "!") and index in self.tight:
             return ""
         if kind in ("(", "["):
-            return "" if self._belongs_to(element, previous) else " "
+            return "" if self._belongs_to_previous(element, previous) else " "
         if before == "<=" and self.tokens.kinds[index - 1] == "[":
             return ""
         return " "
 
-    def _belongs_to(self, bracket: _Element, previous: _Element) -> bool:
-        """Whether a bracket belongs to the element before it, as a call's does."""
+    def _belongs_to_previous(self, bracket: _Element, previous: _Element) -> bool:
+        """Whether no space separates a bracket from the element before it, as in a call."""
         if bracket.index in self.tight:
             return True
         fun = self.tokens.kinds[previous.index - 1] == "fun"
@@ -345,7 +345,7 @@ class _Layout:
             return parts
         parts = []
         while _line_width(line) > WIDTH_MAX:
-            at = _break_at(line)
+            at = _best_break_index(line)
             if at is None:
                 break
             self.wrapped = True
@@ -356,8 +356,8 @@ class _Layout:
         return [*parts, line]
 
 
-def _closing_brackets(kinds: list[str]) -> dict[int, int]:
-    """Gives opening bracket -> closing bracket, as token indices."""
+def _closing_by_opening_bracket(kinds: list[str]) -> dict[int, int]:
+    """Gives opening bracket -> its closing bracket, as token indices."""
     stack: list[int] = []
     match: dict[int, int] = {}
     for index, kind in enumerate(kinds):
@@ -373,7 +373,7 @@ def _line_text(line: _Line) -> str:
 
 
 def _line_width(line: _Line) -> int:
-    """Characters of a line; a comment at its end does not make it too long."""
+    """Gives how many characters a line has, without comments at its end."""
     pieces = line.pieces
     last = len(pieces)
     while last > 1 and pieces[last - 1].comment:
@@ -382,7 +382,7 @@ def _line_width(line: _Line) -> int:
 
 
 def _lines_of_blocks(line: _Line) -> list[_Line]:
-    """Gives the lines for a long line with whole blocks in it, each item on its own line."""
+    """Gives lines for a line that holds whole blocks: each item of a block on its own line."""
     pieces = line.pieces
     breaks: set[int] = set()
     stack: list[int] = []
@@ -407,8 +407,8 @@ def _lines_of_blocks(line: _Line) -> list[_Line]:
     return parts
 
 
-def _break_at(line: _Line) -> int | None:
-    """Index of the piece before which a long line is best broken."""
+def _best_break_index(line: _Line) -> int | None:
+    """Gives the index of the piece before which to break a long line; None: nowhere."""
     best: int | None = None
     best_level = 0
     at = line.indent
@@ -434,13 +434,13 @@ _BINDING = {
 _ANYTHING, _CHOICE, _COMPARING, _PREFIX, _OPERAND = 0, 1, 4, 7, 8
 
 
-def print_expr(expr: tree.SyntaxExpr) -> str:
+def expression_text(expr: tree.SyntaxExpr) -> str:
     """Gives an expression as source text on one line, with no more parentheses than needed."""
     return _expr_text(expr, _ANYTHING)
 
 
 def _expr_text(expr: tree.SyntaxExpr, outer: int) -> str:
-    """Gives the text of `expr` inside an expression that binds as tightly as `outer`."""
+    """Gives the text of `expr`, in parentheses if it binds less tightly than `outer`."""
     if isinstance(expr, tree.BinaryExpr):
         binding = _BINDING[expr.op]
         left = _expr_text(expr.left, binding + 1 if binding == _COMPARING else binding)
@@ -452,11 +452,11 @@ def _expr_text(expr: tree.SyntaxExpr, outer: int) -> str:
         then, otherwise = _expr_text(expr.then, _ANYTHING), _expr_text(expr.otherwise, _ANYTHING)
         text = f"{_expr_text(expr.condition, _CHOICE + 1)} ? {then} : {otherwise}"
     else:
-        binding, text = _OPERAND, _print_operand(expr)
+        binding, text = _OPERAND, _operand_text(expr)
     return f"({text})" if binding < outer else text
 
 
-def _print_operand(expr: tree.SyntaxExpr) -> str:
+def _operand_text(expr: tree.SyntaxExpr) -> str:
     if isinstance(expr, tree.NameExpr):
         return expr.name.text
     if isinstance(expr, tree.FieldExpr):
@@ -464,7 +464,7 @@ def _print_operand(expr: tree.SyntaxExpr) -> str:
     if isinstance(expr, tree.IndexExpr):
         return f"{_expr_text(expr.target, _OPERAND)}[{_expr_text(expr.index, _ANYTHING)}]"
     if isinstance(expr, tree.CallExpr):
-        return f"{_expr_text(expr.callee, _OPERAND)}({_comma_list(expr.arguments)})"
+        return f"{_expr_text(expr.callee, _OPERAND)}({_comma_separated(expr.arguments)})"
     if isinstance(expr, tree.IntLit):
         return str(expr.value)
     if isinstance(expr, tree.FloatLit | tree.DurationLit):
@@ -472,7 +472,7 @@ def _print_operand(expr: tree.SyntaxExpr) -> str:
     if isinstance(expr, tree.BoolLit):
         return "true" if expr.value else "false"
     if isinstance(expr, tree.ListExpr):
-        return f"[{_comma_list(expr.elements)}]"
+        return f"[{_comma_separated(expr.elements)}]"
     if isinstance(expr, tree.RecordExpr):
         pairs = (f"{name.text}: {_expr_text(value, _ANYTHING)}" for name, value in expr.fields)
         return f"{{ {', '.join(pairs)} }}"
@@ -485,9 +485,9 @@ def _choices_text(expr: tree.ChooseExpr) -> str:
     if expr.type is not None:
         return expr.type.span.text
     if expr.interval is not None:
-        return f"[{_comma_list((expr.interval.low, expr.interval.high))}]"
-    return f"{{ {_comma_list(expr.options)} }}"
+        return f"[{_comma_separated((expr.interval.low, expr.interval.high))}]"
+    return f"{{ {_comma_separated(expr.options)} }}"
 
 
-def _comma_list(exprs: tuple[tree.SyntaxExpr, ...]) -> str:
+def _comma_separated(exprs: tuple[tree.SyntaxExpr, ...]) -> str:
     return ", ".join(_expr_text(e, _ANYTHING) for e in exprs)

@@ -1,6 +1,6 @@
 """The schemes of integration that may follow `integrate`.
 
-Purpose: the one list of their names, with evaluations of the derivative and orders.
+Purpose: the only list of their names, stages and orders.
 Non-goals: the arithmetic: each engine has its own (docs/semantics.md, Plants), and looks it up by
 name, so that an unknown scheme is an error and never another scheme.
 """
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Scheme:
-    """A Runge-Kutta scheme: evaluations of the derivative a step, and its order."""
+    """A Runge-Kutta scheme; `stages`: evaluations of the derivative in one step."""
 
     name: str
     stages: int

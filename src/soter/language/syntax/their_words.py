@@ -80,7 +80,7 @@ THEIRS: Mapping[str, str] = {
     "with": "by",
     "within": "by",
 }
-"""Their word: ours, which is written in its place, and shown where it ends with `;` or `}`."""
+"""Word of another language -> Soter's: an edit, or an example if it ends with `;` or `}`."""
 
 
 @cache
@@ -89,22 +89,22 @@ def _pattern_of_words() -> re.Pattern[str]:
     return re.compile("|".join(re.escape(w) + (r"\b" if w[-1].isalnum() else "") for w in words))
 
 
-def word_at(text: str, start: int) -> str:
+def table_word_at(text: str, start: int) -> str:
     """Gives the word of the table that stands at a place of a text; "" if none does."""
     found = _pattern_of_words().match(text, start)
     return "" if found is None else found[0]
 
 
-def helps_for(word: str, span: Span) -> tuple[Help, ...]:
+def helps_for_word(word: str, span: Span) -> tuple[Help, ...]:
     """Gives the edit, or the advice, that writes a word in Soter; () for a word of no row."""
     ours = THEIRS.get(word)
     if ours is None:
         return ()
-    if is_shown(ours):
+    if is_only_shown(ours):
         return (f"in Soter: `{ours}`",)
     return (replace(span, ours, None if ours else f"leave `{word}` out"),)
 
 
-def is_shown(ours: str) -> bool:
-    """Whether Soter's counterpart is too long for an edit, and so is only shown."""
+def is_only_shown(ours: str) -> bool:
+    """Whether Soter's words are an example to be shown, and no edit."""
     return ours[-1:] in (";", "}")

@@ -12,14 +12,14 @@ from soter.language.syntax.node import Node, node
 
 @node()
 class Name(Node):
-    """An identifier where it is written."""
+    """An identifier and its place in the text."""
 
     text: str
     span: Span
 
     @property
     def word(self) -> Span:
-        """Gives the span of the word alone; that of an element includes its index."""
+        """Gives the span of the word alone, without the index that an `ElementName` has."""
         return Span(self.span.source, self.span.start, self.span.start + len(self.text))
 
 
@@ -183,7 +183,7 @@ class ChooseExpr(SyntaxExpr):
 
 @node()
 class ErrorExpr(SyntaxExpr):
-    """Stands where an expression could not be parsed; already reported, never again."""
+    """Stands where an expression could not be parsed, which was already reported."""
 
 
 # ---------------------------------------------------------------- types
@@ -251,7 +251,7 @@ class ListTypeExpr(TypeExpr):
 
 @node()
 class UnitTypeExpr(TypeExpr):
-    """`T unit "m/s"`: what the numbers of T count, for people."""
+    """`T unit "m/s"`: the unit of the numbers of T, shown to people."""
 
     base: TypeExpr
     unit: str
@@ -267,7 +267,7 @@ class EnumTypeExpr(TypeExpr):
 
 @node()
 class ErrorTypeExpr(TypeExpr):
-    """Stands where a type could not be parsed; already reported, never again."""
+    """Stands where a type could not be parsed, which was already reported."""
 
 
 # ---------------------------------------------------------------- statements
@@ -454,7 +454,7 @@ class TopicDecl(Decl):
 
 @node()
 class Subscription(Node):
-    """A subscribed topic; `queue` is its length when it asks for one."""
+    """A subscribed topic; `queue` is the length of its queue, None without one."""
 
     topic: Ref
     queue: int | None
@@ -464,7 +464,7 @@ class Subscription(Node):
 
 @node()
 class Publication(Node):
-    """A published topic; `burst`: how many messages a step may publish, where it is said."""
+    """A published topic; `burst`: how many messages a step may publish, None if not declared."""
 
     topic: Ref
     burst: int | None
@@ -661,14 +661,14 @@ class RtaDecl(Decl):
     jitter: SyntaxExpr | None = None
     returns: Returns | None = None
     shield: SyntaxExpr | EachCommand | None = None
-    """`shield 8;`: into how many cells each number that it publishes is cut."""
+    """`shield 8;`: into how many cells each number of a command is cut."""
     toward_sc: bool = False
-    """`shield 8 toward sc;`: what it does not permit is moved toward SC's command."""
+    """`shield 8 toward sc;`: a command that is not permitted is moved toward SC's."""
     candidates: Ref | None = None
     """`shield toward plans, sc;`: a topic with an array of commands that are tried before SC's."""
     rest: Rest | None = None
     plans: tuple[Ref, ...] = ()
-    """`sc Brake, Left;`: all that are named, of which `sc` is the first; of one: none."""
+    """`sc Brake, Left;`: all named nodes, of which `sc` is the first; () if only one is named."""
 
 
 @node()
@@ -780,7 +780,7 @@ class PropertyItem(Node):
 
 @node()
 class Inline(Node):
-    """`inline M.Fast;`: it runs in the thread of the trusted part."""
+    """`inline M.Fast;`: the node runs in the thread of the trusted part."""
 
     what: DottedPath
     span: Span
@@ -816,7 +816,7 @@ class DriveInput(Node):
 
 @node()
 class StatedValues(Node):
-    """`guarantees t.x in { a, b };`, `assumes ...` of a test: what a stand-in publishes there."""
+    """`guarantees t.x in { a, b };`, `assumes ...` of a test: values that a stand-in publishes."""
 
     kind: str
     topic: DottedPath
@@ -850,7 +850,7 @@ class TimingFaultItem(Node):
 class SystemFault(Node):
     """One item of `faults { ... }`: `nan M.Fast at 4 per 1h for 1s;`, `order any;`.
 
-    `target` is None for an order; `by`: what a fault is given, several for a measured lateness.
+    `target` is None for an order; `by`: the amounts of the fault, several for a measured lateness.
     """
 
     kind: str
@@ -864,7 +864,7 @@ class SystemFault(Node):
 
 @node()
 class MeasureItem(Node):
-    """`measure name = e in [low, high] / bins every d;`: what campaigns tell of a run."""
+    """`measure name = e in [low, high] / bins every d;`: a number of a run for campaigns."""
 
     name: Name
     value: SyntaxExpr
@@ -908,7 +908,7 @@ class TestDecl(Decl):
     sets: tuple[SetParam | Repeated, ...] = ()
     stated: tuple[StatedValues | Repeated, ...] = ()
     order: Span | None = None
-    """Where it says `order deployed;`."""
+    """The place of `order deployed;`, None if it is not there."""
 
 
 @node()

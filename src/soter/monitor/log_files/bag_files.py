@@ -31,9 +31,9 @@ from soter.monitor.log_files.message_decoding import (
     UndecodableError,
     find_definitions,
     known_definitions,
-    made_decoder,
     message_decoder,
     require_type,
+    tolerant_decoder,
 )
 from soter.report.bounded_unpack import CHUNK_MAX, BoundedUnpacking
 
@@ -71,7 +71,7 @@ def _contradiction(message: str) -> ContradictionError:
 
 
 class WholeBag1:
-    """Reads an open bag of ROS 1; `unpack`: by way to unpack of `rosbags`, its bounded form."""
+    """Reads an open bag of ROS 1; `unpack`: the bounded form of each function that unpacks."""
 
     def __init__(
         self, reader: Reader, unpack: Mapping[Callable[[bytes], bytes], Callable[[bytes], bytes]]
@@ -81,9 +81,9 @@ class WholeBag1:
         self.known: dict[int, tuple[dict[str, bytes], bytes]] = {}
 
     def messages(self) -> Iterator[tuple[int, int, bytes]]:
-        """Gives connection, time and bytes of every message, in the order of the file.
+        """Gives the connection, time and bytes of every message, in the order of the file.
 
-        ContradictionError where a chunk, the index or a connection says something else.
+        ContradictionError where a chunk, the index or a connection contradicts another part.
         """
         self._check_records()
         index: dict[int, Counter[tuple[int, int]]] = {}
@@ -196,10 +196,10 @@ def require_no_journal(path: Path) -> None:
             )
 
 
-def require_whole(database: apsw.Connection, counts: Mapping[str, int], path: Path) -> None:
+def require_intact(database: apsw.Connection, counts: Mapping[str, int], path: Path) -> None:
     """Raises ContradictionError where a database is damaged, or has fewer messages than it says.
 
-    `counts`: its messages by topic. A database's metadata were written before its last messages.
+    `counts`: its messages by topic. More than it says are right: its metadata are written earlier.
     """
     size = path.stat().st_size
     pages = next(iter(database.execute(SIZE)))[0]
@@ -224,7 +224,7 @@ def require_whole(database: apsw.Connection, counts: Mapping[str, int], path: Pa
     announced = counts_in_metadata(row[0], path.name) if row is not None else {}
     for topic, n in sorted(announced.items(), key=lambda each: each[0] is None):
         if n > (stored if topic is None else counts.get(topic, 0)):
-            raise wrong_count(topic, n, stored if topic is None else counts.get(topic, 0))
+            raise wrong_count_error(topic, n, stored if topic is None else counts.get(topic, 0))
 
 
 SIZE = "SELECT page_count * page_size FROM pragma_page_count, pragma_page_size"
@@ -240,14 +240,14 @@ def counts_in_metadata(text: Any, file: str) -> dict[str | None, int]:  # noqa: 
         metadata = YAML(typ="safe").load(text)
         information = metadata.get("rosbag2_bagfile_information", metadata)
         if len(information["relative_file_paths"]) == 1:
-            return read_counts(information)
+            return message_counts(information)
         counts = [int(f["message_count"]) for f in information["files"] if f["path"] == file]
         return {None: counts[0]} if counts else {}
     except (YAMLError, KeyError, TypeError, AttributeError, ValueError, RecursionError):
         return {}
 
 
-def read_counts(information: Any) -> dict[str | None, int]:  # noqa: ANN401 - what YAML has
+def message_counts(information: Any) -> dict[str | None, int]:  # noqa: ANN401 - what YAML has
     """The numbers of messages by topic (None: of all); raises KeyError, TypeError, ValueError."""
     counts: dict[str | None, int] = {None: int(information["message_count"])}
     for each in information["topics_with_message_count"]:
@@ -262,18 +262,18 @@ def require_counts(announced: Mapping[str | None, int], read_by_topic: Mapping[s
     read.update(read_by_topic)
     for topic in (*sorted(t for t in {*announced, *read} if t is not None), None):
         if announced and announced.get(topic, 0) != read.get(topic, 0):
-            raise wrong_count(topic, announced.get(topic, 0), read.get(topic, 0))
+            raise wrong_count_error(topic, announced.get(topic, 0), read.get(topic, 0))
 
 
-def wrong_count(topic: str | None, announced: int, read: int) -> ContradictionError:
-    """Gives a ContradictionError: the metadata say another number of messages."""
+def wrong_count_error(topic: str | None, announced: int, read: int) -> ContradictionError:
+    """The ContradictionError that the metadata count other messages of a topic than are there."""
     of = "in all" if topic is None else f"of `{topic[:80]}`"
     message = f"its metadata count {announced:,} messages {of}, and {read:,} stand there"
     return ContradictionError(message, REINDEX + ", of what is there")
 
 
 STEPS_PER_BYTE, STEPS_MIN = 100, 10_000_000
-"""Instructions that SQLite may run for a file: so many a byte, and so many in addition."""
+"""Instructions that SQLite may run for a file: so many for each byte, and so many in addition."""
 STEPS_AT_ONCE = 1_000_000
 IN_ORDER = "SELECT topic_id, timestamp, data FROM messages ORDER BY id"
 """Messages as they were written: sorting would hide a clock that was set back."""
@@ -297,7 +297,7 @@ class _BoundedReader1(Reader1):
 
 
 def ros1_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
-    """Gives arrival, channel and content (None: unwanted), in order; ContradictionError."""
+    """Gives messages in order: arrival, channel, content (None: unwanted). ContradictionError."""
     facts.unchecked = True
     writers = Writers()
     facts.size = path.stat().st_size
@@ -312,7 +312,7 @@ def ros1_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> It
         assert file is not None
         chosen = {c.id: c for c in _wanted_connections(reader.connections, wanted, facts)}
         names = {c.id: c.topic for c in reader.connections}
-        decoders = _make_decoders(chosen, wanted, 1, facts)
+        decoders = _decoders_by_connection(chosen, wanted, 1, facts)
         nodes = {k: _publishing_node(c) for k, c in chosen.items()}
         for connection, time_ns, data in WholeBag1(reader, bounded).messages():
             facts.there[names[connection]] += 1
@@ -325,7 +325,7 @@ def ros1_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> It
     facts.notes += writers.notes
 
 
-def _offered_topics(connections: Iterable[Connection]) -> Writers:
+def _announced_publishers(connections: Iterable[Connection]) -> Writers:
     writers = Writers()
     for c in connections:
         if isinstance(c.ext, ConnectionExtRosbag2):
@@ -336,7 +336,7 @@ def _offered_topics(connections: Iterable[Connection]) -> Writers:
 def sqlite_messages(
     path: Path, wanted: dict[str, Wanted], facts: FileFacts, *, packed: bool
 ) -> Iterator[Arrived]:
-    """Gives the messages as `ros1_messages`, of one SQLite file of ROS 2; `packed`: by zstd.
+    """Gives the messages of one SQLite file of ROS 2 as `ros1_messages` does; `packed`: by zstd.
 
     Raises UndecodableError where its database or its messages are none of a bag.
     """
@@ -350,12 +350,12 @@ def sqlite_messages(
         database = cast("Sqlite3Reader", reader.storage).dbconn
         assert database is not None
         _limit_steps(database, size)
-        require_whole(database, {c.topic: c.msgcount for c in reader.connections}, path)
+        require_intact(database, {c.topic: c.msgcount for c in reader.connections}, path)
         chosen = {c.id: c for c in _wanted_connections(reader.connections, wanted, facts)}
         for c in reader.connections:
             facts.there[c.topic] += 0 if c.id in chosen else c.msgcount
-        writers = _offered_topics(chosen.values())
-        decoders = _make_decoders(chosen, wanted, 2, facts)
+        writers = _announced_publishers(chosen.values())
+        decoders = _decoders_by_connection(chosen, wanted, 2, facts)
         names = {c.id: c.topic for c in reader.connections}
         for topic, time_ns, data in database.execute(IN_ORDER):
             name = names[topic]
@@ -379,22 +379,22 @@ def _wanted_connections(
 
 
 def _publishing_node(connection: Connection) -> str:
-    """The node that published, or in its place the connection's number."""
+    """The name of the node that published, or the connection's number if the bag has no name."""
     ext = connection.ext
     node = ext.callerid if isinstance(ext, ConnectionExtRosbag1) else None
     return node or f"connection {connection.id}"
 
 
-def _make_decoders(
+def _decoders_by_connection(
     chosen: Mapping[int, Connection], wanted: dict[str, Wanted], ros: int, facts: FileFacts
 ) -> dict[int, Callable[[bytes], Any]]:
     return {
-        k: made_decoder(partial(_make_decoder, c, wanted[c.topic], ros), wanted[c.topic], facts)
+        k: tolerant_decoder(partial(_ros_decoder, c, wanted[c.topic], ros), wanted[c.topic], facts)
         for k, c in chosen.items()
     }
 
 
-def _make_decoder(connection: Connection, wanted: Wanted, ros: int) -> Callable[[bytes], Any]:
+def _ros_decoder(connection: Connection, wanted: Wanted, ros: int) -> Callable[[bytes], Any]:
     name, definition = connection.msgtype, connection.msgdef
     require_type(connection.topic, name, wanted.message)
     ext = connection.ext

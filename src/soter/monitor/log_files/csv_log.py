@@ -54,7 +54,7 @@ class BoundedGzip(io.RawIOBase):
         self._packed = packed
         self._member = zlib.decompressobj(GZIP)
         self._left = b""
-        self._read = self._said = 0
+        self._packed_bytes = self._unpacked_bytes = 0
 
     def readable(self) -> bool:
         """Always True."""
@@ -71,16 +71,16 @@ class BoundedGzip(io.RawIOBase):
             if self._member.eof and not self._begin_next_member():
                 return b""
             part = self._left or self._packed.read(PART)
-            self._read += len(part)
+            self._packed_bytes += len(part)
             found = self._member.decompress(part, most)
             self._left = self._member.unconsumed_tail
-            self._said += len(found)
-            if self._said > UNPACKED_MAX:
+            self._unpacked_bytes += len(found)
+            if self._unpacked_bytes > UNPACKED_MAX:
                 raise zlib.error(f"it unpacks to more than {UNPACKED_MAX >> 30} GiB")
             if found:
                 return found
             if not part and not self._member.eof:
-                if not self._read:
+                if not self._packed_bytes:
                     return b""
                 raise EOFError("its end is missing")
 
@@ -114,15 +114,15 @@ LINE_MAX = 1 << 24
 """Characters of a line."""
 
 
-def is_table(path: Path) -> bool:
+def is_csv(path: Path) -> bool:
     """Whether a log is a CSV, by its name."""
     return path.name.lower().endswith((".csv", ".csv.gz"))
 
 
 def read_csv(path: Path, mapping: LogMap, wanted: Wanted, *, partial: bool = False) -> Columns:
-    """Reads the rows that count; `partial`: if damaged those before that. SoterError D016.
+    """Reads the rows that count; with `partial`, those before a damage. SoterError D016.
 
-    A ROS time is two columns, as other fields are one: `header.stamp.sec`, `header.stamp.nanosec`.
+    A ROS time takes two columns: `header.stamp.sec` and `header.stamp.nanosec`.
     """
     if mapping.time is None:
         help_ = 'say it in the mapping: [time] from = "t", unit = "s"'
@@ -140,7 +140,7 @@ def read_csv(path: Path, mapping: LogMap, wanted: Wanted, *, partial: bool = Fal
             continue
         where = f"line {line}"
         now = _row_time_ns(path, mapping, clock, where)
-        if not mapping.counts(now):
+        if not mapping.covers(now):
             continue
         cells = {n: row[n] for n in wanted.names}
         stamps = {source: _row_stamp_ns(path, row, source, where) for source in wanted.stamps}
@@ -153,7 +153,7 @@ def read_csv(path: Path, mapping: LogMap, wanted: Wanted, *, partial: bool = Fal
 
 
 def _row_time_ns(path: Path, mapping: LogMap, clock: list[str], where: str) -> int:
-    """The time of a row, in ns: of a number in its unit, or of seconds and nanoseconds."""
+    """The time of a row in ns, from one number with a unit, or from seconds and nanoseconds."""
     if len(clock) == 1:
         return parsed_time_ns(path, clock[0], mapping.time_ns, where)
     if mapping.time_ns != SECOND_NS:
@@ -162,7 +162,7 @@ def _row_time_ns(path: Path, mapping: LogMap, clock: list[str], where: str) -> i
 
 
 def _ros_time_ns(path: Path, cells: list[str], where: str) -> int:
-    """Joins seconds and nanoseconds, in ns; SoterError D016 where these are no part of a second."""
+    """The ns of cells with whole seconds and with nanoseconds below 10^9; SoterError D016."""
     seconds, rest = (parsed_time_ns(path, c, u, where) for c, u in zip(cells, OF_ROS, strict=True))
     if seconds % SECOND_NS or not 0 <= rest < SECOND_NS:
         raise no_time_error(path, " s and ".join(cells) + " ns", where)
@@ -199,7 +199,7 @@ def csv_column_names(path: Path) -> list[str]:
 def csv_rows(
     path: Path, needed: list[str], time: str, facts: FileFacts
 ) -> Iterator[tuple[int, list[str], dict[str, str]]]:
-    """Gives line, cells of the time and `needed` cells of each row; SoterError D016."""
+    """Gives each row: its line number, the cells of its time, `needed` cells. SoterError D016."""
     try:
         with opened_log(path) as data, _opened_text(path, data) as file:
             facts.size = 0 if path.suffix.lower() == ".gz" else path.stat().st_size
@@ -210,8 +210,8 @@ def csv_rows(
                 raise unusable(path, "it is empty")
             places = {name: _column_number(path, head, name) for name in needed}
             two = [f"{time}.sec", f"{time}.nanosec"]
-            of_time = two if time not in head and set(two) <= set(head) else [time]
-            clock = [_column_number(path, head, name) for name in of_time]
+            changes_releases = two if time not in head and set(two) <= set(head) else [time]
+            clock = [_column_number(path, head, name) for name in changes_releases]
             for row in rows:
                 if not row:
                     continue
@@ -225,7 +225,7 @@ def csv_rows(
 
 
 def _checked_rows(path: Path, reader: Reader) -> Iterator[list[str]]:
-    """Gives each row; D016 where one goes on in the next line, as a stray quote hides rows so."""
+    """Gives each row; D016 where one goes on in the next line: an open quote may hide rows."""
     before = 0
     try:
         for row in reader:
@@ -266,11 +266,11 @@ def _column_number(path: Path, head: list[str], name: str) -> int:
     if name in head:
         raise unusable(path, f"two columns are called `{name}`")
     raise unusable(
-        path, f"it has no column `{name}`", *head_helps(head), nearest_or_all(name, head)
+        path, f"it has no column `{name}`", *first_line_helps(head), nearest_or_all(name, head)
     )
 
 
-def head_helps(head: list[str]) -> list[str]:
+def first_line_helps(head: list[str]) -> list[str]:
     """Says why the first line may not be the names of the columns, and what to do."""
     helps = []
     other = next((c for c in (";", "\t", "|") if len(head) == 1 and c in head[0]), None)

@@ -1,4 +1,4 @@
-"""The messages of a DataFlash log, as ArduPilot writes it: binary (`.bin`), or as text (`.log`).
+"""Reads messages of a DataFlash log, as ArduPilot writes it: binary (`.bin`) or text (`.log`).
 
 Purpose: `dataflash_messages` reads messages by the formats in the file, in its order; where a file
 is cut or contradicts itself it raises D016 with the place. What `FMT` and `FMTU` say holds for the
@@ -22,7 +22,7 @@ from soter.monitor.log_files.log_columns import (
     DamagedLogError,
     FileFacts,
     damaged_log,
-    is_plain,
+    is_plain_number,
     opened_log,
     wrong_format,
 )
@@ -47,7 +47,7 @@ CODES = {
 DIVISORS = {"c": 1e2, "C": 1e2, "e": 1e2, "E": 1e2, "L": 1e7}
 TEXTS, FLOATS = {"n": 4, "N": 16, "Z": 64}, "gfdcCeEL"
 TIMES_NS = {"TimeUS": 1000, "T": 10**6, "TimeMS": 10**6}
-"""The first of these counts: `TimeMS` beside a `T` is the time of GPS."""
+"""The columns with times, and their units; the first counts: `TimeMS` beside `T` is of GPS."""
 PADDING = (b"\0", b"\xff")
 
 
@@ -118,7 +118,9 @@ def _decoded_text(raw: bytes) -> str:
 def _typed_cell(letter: str, cell: str) -> float | int | str:
     """The value of a text cell; ValueError where its letter has no such value."""
     is_text = letter in TEXTS or letter in "aM"
-    if len(cell.encode("utf-8")) > TEXTS.get(letter, LINE_MAX) or not (is_text or is_plain(cell)):
+    if len(cell.encode("utf-8")) > TEXTS.get(letter, LINE_MAX) or not (
+        is_text or is_plain_number(cell)
+    ):
         raise ValueError
     if is_text or letter in FLOATS:
         return cell if is_text else float(cell)
@@ -130,7 +132,7 @@ def _typed_cell(letter: str, cell: str) -> float | int | str:
 def dataflash_messages(
     path: Path, wanted: dict[str, Wanted], facts: FileFacts
 ) -> Iterator[Arrived]:
-    """Gives time, kind and content (None: unwanted) of messages; counts all; SoterError D016."""
+    """Gives messages: time, kind and content, None if unwanted. Counts all. SoterError D016."""
     facts.unchecked = True
     with opened_log(path) as file:
         head = file.read(TEXT_HEAD)
@@ -140,7 +142,7 @@ def dataflash_messages(
         if not binary and b"FMT," not in head:
             raise wrong_format(path, "log of ArduPilot")
         first = _DataflashReading(path, None, FileFacts())
-        with suppress(DamagedLogError):  # which the second pass comes upon
+        with suppress(DamagedLogError):  # the second pass raises it again
             deque(first.binary_messages(file) if binary else first.text_messages(file), maxlen=0)
         file.seek(0)
         reading = _DataflashReading(path, wanted, facts)
@@ -229,7 +231,7 @@ class _DataflashReading:
                     raise damaged_log(self.path, text)
 
     def _has_line_inside(self, cell: Any, by_name: Mapping[str, _Format]) -> bool:  # noqa: ANN401 - as typed
-        """Whether a text that stands last ends with another line, whose begin was lost."""
+        """Whether a last text of a line contains another line, whose beginning was lost."""
         for name in by_name if isinstance(cell, str) and "," in cell else ():
             _, found, rest = cell.rpartition(f"{name},")
             with suppress(ValueError, struct.error):
@@ -248,7 +250,7 @@ class _DataflashReading:
         content: Callable[[Sequence[Any]], dict[str, Any]],
         where: str,
     ) -> Iterator[Arrived]:
-        """Gives a message, unless nobody wants it and it does not say when it was written."""
+        """Gives a message, but not an unwanted one that does not say when it was written."""
         if form.name == "FMT":
             self._define_format(content(raw), where)
         elif form.name == "FMTU":
@@ -272,7 +274,7 @@ class _DataflashReading:
     def _define_format(self, row: dict[str, Any], where: str) -> None:
         columns = tuple(filter(None, row["Columns"].split(",")))
         if (row["Type"], row["Name"]) == (FMT, "FMT"):
-            return  # it is the one that reads this
+            return  # `FMT` describes itself
         text = f"the `FMT` {where} says that `{row['Name']}` has the formats `{row['Format']}`"
         before = self.formats.get(row["Type"])
         try:

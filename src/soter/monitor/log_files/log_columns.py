@@ -7,7 +7,7 @@ there otherwise. `remedies_for_file` gives help for a file of MATLAB, or one und
 `FileFacts.readable_rows` gives the rows before a damage. `Writers` counts how many values each of
 several nodes, or channels of one name, gave a topic: they are read as one stream.
 Non-goals: the files (`csv_log.py`, `read_columns.py`), what the cells mean
-(`monitor/typed_samples.py`), a choice by time (`LogMap.counts`), sources of a mapping, of which
+(`monitor/typed_samples.py`), a choice by time (`LogMap.covers`), sources of a mapping, of which
 each has a channel.
 """
 
@@ -50,12 +50,12 @@ REINDEX = "`ros2 bag reindex FOLDER` writes `metadata.yaml` anew"
 class Columns:
     """Rows of a CSV, or messages of a channel: `cells[name][i]` belongs to `times_ns[i]`.
 
-    A cell is a text, or what a message has; None where it is not there. `stamps_ns[source][i]`:
-    when it was measured, None where it does not say. `where[i]`: for people. `ends_ns`: when the
-    first and the last record of the log came, of whatever channel; None: these rows are all of it.
-    `equal`: how many have the time of the one before them. `notes`: what was found of the file
-    besides; `beyond_ns`: how long the file goes on behind the end of a choice; `unchecked`: whether
-    nothing in it tells that a value was changed; `damage`: what was read is a part of it.
+    A cell is a text, or a value of a message; None if it is missing. `stamps_ns[source][i]`: when
+    the row was measured, None if it does not say. `where[i]`: its place in the file, in words.
+    `ends_ns`: when the first and the last record of the log came, of any channel; None: these rows
+    are the whole log. `equal`: how many rows have the time of the row before. `notes`: other
+    findings on the file. `beyond_ns`: how long the file goes on after the last chosen row.
+    `unchecked`: whether no checksum covers a part. `damage`: where only a part could be read.
     """
 
     times_ns: list[int] = field(default_factory=list)
@@ -107,9 +107,9 @@ class FarStamps:
 class FileFacts:
     """The findings on a file once its messages were read.
 
-    `there`: messages by channel; `unchecked`: whether some stood where no checksum covers them;
-    `notes`: what was found that is no error; `at_byte` of `size`: where it is being read;
-    `damage`: where only what stands before it was read.
+    `there`: how many messages each channel has; `unchecked`: whether no checksum covers some;
+    `notes`: findings that are no errors; `at_byte` of `size`: the place that is being read;
+    `damage`: the damage at which reading ended.
     """
 
     there: dict[str, int] = field(default_factory=dict)
@@ -149,7 +149,7 @@ class FileFacts:
 
 @dataclass(frozen=True)
 class Damage:
-    """The place at which a file is cut or damaged, and the share of its bytes before, if known."""
+    """A damage of a file, in words (`told`), and the share of bytes before it, None if unknown."""
 
     told: str
     share: float | None
@@ -165,9 +165,9 @@ class Damage:
 class Wanted:
     """What a mapping needs of one channel.
 
-    `optional`: of `names`, those that go through a list that may be too short. `message`: the type
-    that its messages have to be of, None for any. `unnamed`: nobody asks for this channel in
-    particular: messages that cannot be decoded are told of, and left out.
+    `optional`: the `names` that lead through a list that may be too short. `message`: the type that
+    its messages must have, None for any. `unnamed`: nobody asks for this channel in particular, so
+    messages that cannot be decoded are left out, with a note.
     """
 
     names: tuple[str, ...] = ()
@@ -184,7 +184,7 @@ class Wanted:
 
 
 def unusable(path: Path, why: str, *helps: str) -> SoterError:
-    """Gives the SoterError D016 for a log that cannot be used."""
+    """The SoterError D016 for a log that cannot be used."""
     text = f"the log `{path}` cannot be used: {why}"
     return SoterError((Diagnostic("D016", text, helps=tuple(h for h in helps if h)),))
 
@@ -203,7 +203,7 @@ def opened_log(path: Path) -> Iterator[BinaryIO]:
 
 
 def wrong_format(path: Path, format_name: str) -> SoterError:
-    """Gives a SoterError D016 for a file that does not begin as its name says."""
+    """The SoterError D016 for a file that does not begin as its name says."""
     return unusable(path, f"it is no {format_name}", *remedies_for_file(path))
 
 
@@ -212,7 +212,7 @@ class DamagedLogError(SoterError):
 
 
 def damaged_log(path: Path, why: str, *helps: str) -> DamagedLogError:
-    """Gives a SoterError D016 for a file that is cut, or contradicts itself."""
+    """The SoterError D016 for a file that is cut, or contradicts itself."""
     return DamagedLogError(unusable(path, why, *helps))
 
 
@@ -277,7 +277,7 @@ def seconds_text(time_ns: int) -> str:
     return f"{time_ns // 10**9}.{time_ns % 10**9:09d}"
 
 
-def is_plain(number: str) -> bool:
+def is_plain_number(number: str) -> bool:
     """Whether a number is written as logs write it: Python also reads `0_1` and other digits."""
     return number.isascii() and "_" not in number
 
@@ -286,7 +286,7 @@ def parse_decimal(cell: object) -> Decimal | None:
     """The finite number of a cell, exactly as it is written; None for anything else."""
     text = str(cell).strip()
     try:
-        number = Decimal(text if is_plain(text) else "")
+        number = Decimal(text if is_plain_number(text) else "")
     except InvalidOperation:
         return None
     return None if isinstance(cell, bool) or not number.is_finite() else number
@@ -313,7 +313,7 @@ DATES = (
 
 
 def no_time_error(path: Path, cell: object, where: str) -> SoterError:
-    """Gives a SoterError D016 for a value that should be a time."""
+    """The SoterError D016 for a value that should be a time."""
     text = str(cell).strip()
     help_ = DATES if DATE.match(text) else COMMAS if "," in text else ""
     return unusable(path, f"`{str(cell)[:40]}` in {where} is no time", help_)
@@ -329,7 +329,7 @@ def parsed_time_ns(path: Path, cell: object, unit_ns: Fraction, where: str) -> i
 
 TRUTHS = {"true": True, "false": False}
 CODE = re.compile(r"[+-]?0[0-9]")
-"""A text that begins so is a name of digits, and no number."""
+"""The beginning of a text of digits that is a name, such as `007`, and no number."""
 SHOWN = 5
 
 
@@ -344,7 +344,7 @@ class RowChoice:
         """Whether a row is chosen; `cell_of` gives its cell by column."""
         for name, wanted in self.where.items():
             cell = cell_of(name)
-            if not _is_same(cell, wanted):
+            if not _is_same_value(cell, wanted):
                 seen = self._seen[name]
                 shown = _cell_text(cell)
                 if shown in seen or len(seen) <= SHOWN:
@@ -370,7 +370,7 @@ class RowChoice:
         return texts
 
 
-def _is_same(cell: object, wanted: str) -> bool:
+def _is_same_value(cell: object, wanted: str) -> bool:
     """Whether a cell is the same text, truth (`true`, `True`) or number (`1`, `1.0`) as wanted."""
     text, wanted = "" if cell is None else str(cell).strip(), wanted.strip()
     if text == wanted:

@@ -1,4 +1,4 @@
-"""The messages of a telemetry log of MAVLink (`.tlog`), as ground stations write it.
+"""Reads the messages of a telemetry log of MAVLink (`.tlog`), as ground stations write it.
 
 Purpose: `mavlink_messages` reads frames of MAVLink 1 and 2, each with its checksum, decoded by
 `pymavlink` in its dialect `all`; D016 says where a file is cut or damaged. Channels are names of
@@ -34,7 +34,7 @@ OLD = 0x55
 
 
 def mavlink_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
-    """Gives time, name and content (None: unwanted) of messages; counts all; D016, D007."""
+    """Gives messages: time, name and content, None if unwanted. Counts all. D016, D007."""
     if path.suffix.lower() == ".rlog":
         raise unusable(path, *RAW)
     require_mavlink_package()
@@ -53,11 +53,11 @@ def mavlink_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) ->
                 known = dialect.mavlink_map.get(number)
                 name = getattr(known, "msgname", f"message {number}")
                 asked = name in wanted and not wanted[name].unnamed
-                odd.note_wrong(name, frame, str(error), asked)
+                odd.count_wrong(name, frame, str(error), asked)
                 continue
             if isinstance(message, dialect.MAVLink_unknown):
                 name = f"message {message.get_msgId()}"
-                odd.note_wrong(name, frame, "its checksum is none of its dialect's", asked=False)
+                odd.count_wrong(name, frame, "its checksum is none of its dialect's", asked=False)
             else:
                 odd.count_right(name)
             facts.there[name] = facts.there.get(name, 0) + 1
@@ -72,10 +72,10 @@ def mavlink_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) ->
 
 
 class _OddFrames:
-    """Counts frames that no dialect knows, or whose checksum is not that of the dialect read.
+    """Counts frames with a number or a checksum that the dialect `all` does not have.
 
-    If all messages of a name have the checksum of one other dialect, they are of that dialect. Else
-    they are damaged, as is one that the mapping asks for.
+    If all messages of a name have the checksum of one other dialect, they are of that dialect.
+    Otherwise they are damaged. One that the mapping asks for counts as damaged in any case.
     """
 
     def __init__(self, path: Path, facts: FileFacts) -> None:
@@ -91,7 +91,7 @@ class _OddFrames:
             raise damaged_log(self.path, text)
         self._right.add(name)
 
-    def note_wrong(self, name: str, frame: bytearray, why: str, asked: bool) -> None:
+    def count_wrong(self, name: str, frame: bytearray, why: str, asked: bool) -> None:
         """Counts a message with a wrong checksum; DamagedLogError if asked for or damaged."""
         seeds = range(256) if name not in self._seeds else (self._seeds[name],)
         seed = next((s for s in seeds if _has_checksum(frame, s)), None)
@@ -103,7 +103,7 @@ class _OddFrames:
 
     @property
     def notes(self) -> list[str]:
-        """Notes for people on such frames, which were stepped over."""
+        """Notes for people on frames with wrong checksums, which were stepped over."""
         return [
             f"{n:,} messages have the number of `{name}` and the checksum of another dialect: they "
             "were stepped over"
@@ -116,8 +116,8 @@ def _has_checksum(frame: bytearray, seed: int) -> bool:
     from pymavlink.generator.mavcrc import x25crc  # noqa: PLC0415 - an extra
 
     end = len(frame) - 2 - (SIGNATURE_BYTES if frame[0] == NEW and frame[2] & SIGNED else 0)
-    whole = x25crc([*frame[1:end], seed])
-    return bool(whole.crc == int.from_bytes(frame[end : end + 2], "little"))
+    computed = x25crc([*frame[1:end], seed]).crc
+    return bool(computed == int.from_bytes(frame[end : end + 2], "little"))
 
 
 def _read_frames(path: Path, file: BinaryIO, facts: FileFacts) -> Iterator[tuple[int, bytearray]]:

@@ -38,7 +38,7 @@ from soter.report.bounded_unpack import TooLargeError
 from soter.report.mcap_log import MAGIC
 from soter.report.mcap_reading import DamagedMcapError, McapRecords, require_log_package
 from soter.report.mcap_reading import damage_text as words_of_damage
-from soter.version import pip_install
+from soter.version import pip_command
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -88,7 +88,7 @@ DEFINITION_MAX = 1 << 18
 FIELDS_MAX = 5000
 """Fields of a definition, which become code."""
 PARTS_MAX = 100_000
-"""Primitives and messages of a message, with all elements of arrays of messages."""
+"""The most primitives and messages in one message, with all elements of arrays of messages."""
 TYPES_MAX = 1000
 TIMES_OF_ROS1: Definitions = {
     name: ([], [("sec", (BASE, ("int32", 0))), ("nanosec", (BASE, ("uint32", 0)))])
@@ -103,15 +103,15 @@ class UndecodableError(ValueError):
     """A definition or a message cannot be read; the text says why."""
 
 
-def made_decoder(
+def tolerant_decoder(
     make: Callable[[], Callable[[bytes], Any]], wanted: Wanted, facts: FileFacts
 ) -> Callable[[bytes], Any]:
-    """Makes a decoder; on a channel that nobody names it gives None for what is unreadable."""
+    """The decoder that `make` makes; on a channel that nobody names it gives None on failure."""
     if not wanted.unnamed:
         return make()
     made: list[Callable[[bytes], Any]] = []
 
-    def decoded(data: bytes) -> Any:  # noqa: ANN401 - what a message has
+    def decode_message(data: bytes) -> Any:  # noqa: ANN401 - what a message has
         try:
             made[:] = made or [make()]
             return made[0](data)
@@ -120,7 +120,7 @@ def made_decoder(
             facts.notes.append(f"left out: {error}")
             return None
 
-    return decoded
+    return decode_message
 
 
 def ros1_name(name: str) -> str:
@@ -142,7 +142,7 @@ def require_type(channel: str, name: str, wanted: MessageType | None) -> None:
 
 
 def find_definitions(text: str, name: str, form: Format) -> Definitions:
-    """Finds in a log the definitions of a type and of those in it; raises UndecodableError."""
+    """The definitions of a type and of the types inside it, from a log; raises UndecodableError."""
     require_ros_package()
     from rosbags.typesys import get_types_from_idl, get_types_from_msg  # noqa: PLC0415 - an extra
 
@@ -191,13 +191,13 @@ def message_decoder(
         raise UndecodableError(f"the definition of `{name[:80]}` cannot be used") from error
     decode = store.deserialize_cdr if encoding == "cdr" else store.deserialize_ros1
 
-    def decoded(data: bytes) -> Any:  # noqa: ANN401 - a class made of a definition
+    def decode_message(data: bytes) -> Any:  # noqa: ANN401 - a class made of a definition
         try:
             return decode(data, full)
         except Exception as error:
             raise UndecodableError(f"a message is no `{ros1_name(name)[:80]}`") from error
 
-    return decoded
+    return decode_message
 
 
 def _needed_types(full: str, definitions: Definitions) -> Definitions:
@@ -212,7 +212,7 @@ def _needed_types(full: str, definitions: Definitions) -> Definitions:
 def _measure_type(
     name: str, definitions: Definitions, sizes: dict[str, tuple[int, int]], inside: tuple[str, ...]
 ) -> tuple[int, int]:
-    """Counts a type's primitives and messages, and its least bytes; raises UndecodableError."""
+    """How many primitives and messages a type has, and its least bytes; raises UndecodableError."""
     if name in sizes:
         return sizes[name]
     if name not in definitions or not TYPE_NAME.fullmatch(name):
@@ -265,12 +265,12 @@ READ = "json, cdr, ros1 and protobuf are read"
 
 
 def mcap_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
-    """Gives log time, channel, content (None: unwanted); counts all; SoterError D016, D007."""
+    """Gives messages: log time, channel, content (None: unwanted). Counts all. D016, D007."""
     require_log_package()
     try:
         with open_finite_file(path) as file:
             _require_mcap(path, file)
-            yield from _Reading(wanted, facts).messages(McapRecords(file))
+            yield from _McapReading(wanted, facts).messages(McapRecords(file))
     except SoterError:
         raise
     except (TooLargeError, UndecodableError) as error:
@@ -284,15 +284,12 @@ def mcap_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> It
 
 
 def _require_mcap(path: Path, file: BinaryIO) -> None:
-    """Raises SoterError D016 where a file does not begin as an MCAP does."""
     if file.read(len(MAGIC)) != MAGIC:
         raise wrong_format(path, "MCAP")
     file.seek(0)
 
 
-class _Reading:
-    """Reads messages, and makes the decoder of each channel once."""
-
+class _McapReading:
     def __init__(self, wanted: dict[str, Wanted], facts: FileFacts) -> None:
         self.wanted, self.facts = wanted, facts
         self.decoders: dict[int, Callable[[bytes], Any]] = {}
@@ -309,7 +306,7 @@ class _Reading:
                 decode = self.decoders.get(channel.id)
                 if decode is None:
                     make = partial(self._channel_decoder, channel, schema)
-                    decode = made_decoder(make, self.wanted[channel.topic], self.facts)
+                    decode = tolerant_decoder(make, self.wanted[channel.topic], self.facts)
                     self.decoders[channel.id] = decode
                     offered = channel.metadata.get("offered_qos_profiles", "")
                     self.writers.note_publishers(channel.topic, len(PROFILE.findall(offered)))
@@ -354,7 +351,7 @@ def _protobuf_decoder(channel: Any, schema: Any) -> Callable[[bytes], Any]:  # n
             f"messages of `{channel.topic}` are protobuf, which the package "
             "`mcap-protobuf-support` reads; it is not installed"
         )
-        help_ = f"install it: {pip_install('logs')}"
+        help_ = f"install it: {pip_command('logs')}"
         raise SoterError((Diagnostic("D007", text, helps=(help_,)),))
     from mcap_protobuf.decoder import DecoderFactory  # noqa: PLC0415 - an extra
 
@@ -365,7 +362,7 @@ def _protobuf_decoder(channel: Any, schema: Any) -> Callable[[bytes], Any]:  # n
     if decode is None:
         raise UndecodableError(f"messages of `{channel.topic}` are protobuf without a schema of it")
 
-    def decoded(data: bytes) -> Any:  # noqa: ANN401 - a class made of a schema
+    def decode_message(data: bytes) -> Any:  # noqa: ANN401 - a class made of a schema
         try:
             return decode(data)
         except Exception as error:
@@ -373,4 +370,4 @@ def _protobuf_decoder(channel: Any, schema: Any) -> Callable[[bytes], Any]:  # n
                 f"a message of `{channel.topic}` is no `{schema.name}`"
             ) from error
 
-    return decoded
+    return decode_message

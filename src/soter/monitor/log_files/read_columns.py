@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.similar_names import nearest_or_all
 from soter.mapping.topic_mapping import LOG_TIME, PUBLISH_TIME, NearestSource
-from soter.monitor.log_files.csv_log import is_table, read_csv
+from soter.monitor.log_files.csv_log import is_csv, read_csv
 from soter.monitor.log_files.dataflash_log import dataflash_messages
 from soter.monitor.log_files.log_columns import (
     FileFacts,
@@ -49,7 +49,7 @@ SECONDS = (("sec", "nanosec"), ("sec", "nsec"), ("secs", "nsecs"), ("seconds", "
 
 
 class NoPartError(Exception):
-    """A message has no such part; `beyond`: a list on the way is too short."""
+    """A message has no such part; `beyond`: as a list on the path is too short."""
 
     def __init__(self, part: str, known: Iterable[str], *, beyond: bool = False) -> None:
         super().__init__(part)
@@ -64,9 +64,9 @@ def message_part(message: Any, name: str) -> Any:  # noqa: ANN401 - what a messa
     """The part of a message at a path; None where protobuf has it unset. Raises NoPartError."""
     current, is_set = message, True
     for part in name.split("."):
-        is_set = is_set and _is_set(current, part)
+        is_set = is_set and _has_value(current, part)
         try:
-            current = _member(current, part)
+            current = _member_value(current, part)
         except NoPartError as error:
             if error.beyond and not is_set:
                 return None
@@ -83,21 +83,21 @@ def read_time_ns(stamp: Any) -> int:  # noqa: ANN401 - the same
             seconds, rest = (message_part(stamp, n) for n in names)
         except NoPartError:
             continue
-        whole = type(seconds) is int and type(rest) is int
-        if whole and 0 <= rest < SECOND_NS and abs(seconds) < SECONDS_MAX:
+        are_ints = type(seconds) is int and type(rest) is int
+        if are_ints and 0 <= rest < SECOND_NS and abs(seconds) < SECONDS_MAX:
             return int(seconds * SECOND_NS + rest)
     raise NoTimeError
 
 
-def _member(current: Any, part: str) -> Any:  # noqa: ANN401 - the same
+def _member_value(current: Any, part: str) -> Any:  # noqa: ANN401 - the same
     if isinstance(current, dict):
         if part not in current:
             raise NoPartError(part, current)
         return current[part]
     if hasattr(current, "__msgtype__"):
-        return _attribute(current, part, list(type(current).__dataclass_fields__))
+        return _attribute_value(current, part, list(type(current).__dataclass_fields__))
     if hasattr(current, "DESCRIPTOR"):
-        return _protobuf_field(current, part)
+        return _protobuf_value(current, part)
     if isinstance(current, (str, bytes)) or not hasattr(current, "__len__"):
         raise NoPartError(part, ())
     if not (part.isascii() and part.isdigit() and len(part) < 10):
@@ -107,20 +107,20 @@ def _member(current: Any, part: str) -> Any:  # noqa: ANN401 - the same
     return current[int(part)]
 
 
-def _attribute(current: Any, part: str, known: list[str]) -> Any:  # noqa: ANN401 - the same
+def _attribute_value(current: Any, part: str, known: list[str]) -> Any:  # noqa: ANN401 - the same
     name = f"{part}_" if iskeyword(part) else part
     if name not in known:
         raise NoPartError(part, known)
     return getattr(current, name)
 
 
-def _is_set(current: Any, part: str) -> bool:  # noqa: ANN401 - the same
+def _has_value(current: Any, part: str) -> bool:  # noqa: ANN401 - the same
     """Whether a field has a value; protobuf would give its default for an unset one."""
     fields = current.DESCRIPTOR.fields_by_name if hasattr(current, "DESCRIPTOR") else {}
     return part not in fields or not fields[part].has_presence or current.HasField(part)
 
 
-def _protobuf_field(current: Any, part: str) -> Any:  # noqa: ANN401 - the same
+def _protobuf_value(current: Any, part: str) -> Any:  # noqa: ANN401 - the same
     """The value of a field of a protobuf message; of an enum the name of its member."""
     fields = current.DESCRIPTOR.fields_by_name
     if part not in fields:
@@ -157,7 +157,7 @@ def read_messages(
     columns_by_channel: dict[str | None, Columns] = {
         k: w.empty_columns() for k, w in wanted.items()
     }
-    facts, order = FileFacts(), _Order()
+    facts, order = FileFacts(), _TimeOrder()
     choices = {k: RowChoice(mapping.where) for k in by_channel}
     counted: list[tuple[int, int]] = []
     others: list[tuple[int, str]] = []
@@ -167,11 +167,11 @@ def read_messages(
     ):
         log_ns, _, channel, message = arrived
         if channel not in by_channel:
-            if mapping.counts(log_ns):
+            if mapping.covers(log_ns):
                 others.append((log_ns, channel))
             continue
         where = f"message {facts.there[channel]} of `{channel}`"
-        if not mapping.counts(log_ns) or not choices[channel].chooses(
+        if not mapping.covers(log_ns) or not choices[channel].chooses(
             lambda name: _field_of_message(path, message, name, where)  # noqa: B023 - called before the next
         ):
             continue
@@ -218,11 +218,11 @@ def _note_order(message: Any, asked: Wanted, channel: str, orders: dict[str, lis
 def _ends_and_notes(
     mapping: LogMap, counted: list[tuple[int, int]], others: list[tuple[int, str]]
 ) -> tuple[tuple[int, int], int, list[str]]:
-    """The begin and end of the log; how long other channels go on after it; notes on these."""
+    """The begin and end of the log, the ns that other channels go on after it, notes on these."""
     near, notes = _near_times(counted, others)
-    whole = _begin_and_end(counted, near)
-    ends = _begin_and_end(counted, []) if mapping.where else whole
-    beyond_ns = whole[1] - ends[1]
+    file_ends = _begin_and_end(counted, near)
+    ends = _begin_and_end(counted, []) if mapping.where else file_ends
+    beyond_ns = file_ends[1] - ends[1]
     if beyond_ns > 0:
         text = f"other channels go on for {seconds_text(beyond_ns)} s"
         notes.append(f"{text}; of a choice by `where` the log ends with the last row that counts")
@@ -232,14 +232,14 @@ def _ends_and_notes(
 def _wanted_channels(
     path: Path, mapping: LogMap, wanted: dict[str | None, Wanted]
 ) -> dict[str, Wanted]:
-    """Gives `wanted` by names of channels; SoterError D016 where a topic names none."""
+    """The wanted columns by channel; SoterError D016 where a mapped topic names no channel."""
     for t in mapping.topics:
         if None in wanted and t.names and t.channel is None:
             raise unusable(path, f"the mapping of `{t.topic.name}` names no `channel`")
     return {str(k): w for k, w in wanted.items()}
 
 
-class _Order:
+class _TimeOrder:
     """Notes where times go back from one channel to another, in the order of the file."""
 
     def __init__(self) -> None:
@@ -268,10 +268,10 @@ class _Order:
 def _near_times(
     counted: list[tuple[int, int]], others: list[tuple[int, str]]
 ) -> tuple[list[int], list[str]]:
-    """The log times of other channels, and notes that name those of another clock.
+    """The log times of other channels in the log's clock, and notes on channels of another clock.
 
-    A clock is another one where its times lie further from the log than the log is long, and than
-    an hour: a sensor that fell silent does not end the log.
+    A channel has another clock if its times are further from the log than the log is long, and
+    than an hour. A sensor that fell silent does not end the log.
     """
     first, last = min(counted)[0], max(counted)[0]
     near: list[int] = []
@@ -313,7 +313,7 @@ READERS = {
     ".tlog": mavlink_messages,
     ".rlog": mavlink_messages,
 }
-"""By the ending of a file's name: what reads its messages; other files are bags or MCAPs."""
+"""The function that reads a file's messages, by the file's suffix; others are bags or MCAPs."""
 
 
 def channel_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
@@ -384,10 +384,10 @@ CLOCKS = "several CSVs are one log where their times are of one clock: `[time]` 
 def read_columns(
     log: Path | Sequence[Path], mapping: LogMap, *, partial: bool = False
 ) -> dict[str | None, Columns]:
-    """Reads each channel of a mapping; a CSV is the channel None. SoterError D016, D007.
+    """The columns of each channel of a mapping; a lone CSV is channel None. SoterError D016, D007.
 
-    Of several CSVs a channel is the name of one, as the mapping writes it. `partial`: of a damaged
-    file, what stands before the damage is read.
+    Of several CSVs each is a channel, under its name in the mapping. `partial`: a damaged file is
+    read up to the damage.
     """
     paths = [log] if isinstance(log, Path) else [*log]
     path = paths[0]
@@ -395,8 +395,8 @@ def read_columns(
         for leaf_path, leaf in t.leaves.items():
             if isinstance(leaf, NearestSource):
                 why = "is what is nearest in a scan, which a robot can take and a log cannot give"
-                raise unusable(path, f"`{t.name_of(leaf_path)}` {why}")
-    table = len(paths) == 1 and is_table(path)
+                raise unusable(path, f"`{t.leaf_name(leaf_path)}` {why}")
+    table = len(paths) == 1 and is_csv(path)
     wanted = wanted_columns(path, mapping, table=table)
     if table:
         columns: dict[str | None, Columns] = {
@@ -416,8 +416,7 @@ def read_columns(
 def _columns_of_files(
     paths: Sequence[Path], mapping: LogMap, wanted: dict[str | None, Wanted], *, partial: bool
 ) -> dict[str | None, Columns]:
-    """The columns of each of several CSVs, by its name in the mapping."""
-    other = next((p for p in paths if not is_table(p)), None)
+    other = next((p for p in paths if not is_csv(p)), None)
     if other is not None:
         raise unusable(other, "of several files that are one log each is a CSV, and this is none")
     columns: dict[str | None, Columns] = {}

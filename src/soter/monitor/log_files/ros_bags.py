@@ -1,4 +1,4 @@
-"""The messages of bags of ROS 1 (a file) and ROS 2 (a folder, or one of its files).
+"""Reads the messages of bags of ROS 1 (a file) and ROS 2 (a folder, or one of its files).
 
 Purpose: `bag_messages` finds out what kind of bag it is, and that its files are ordinary ones; it
 reads a bag of ROS 2 file by file, and its metadata only for what these are.
@@ -42,7 +42,7 @@ ROS1_MAGIC = b"#ROSBAG V2.0\n"
 class _Bag2:
     """The files of a bag of ROS 2, by its metadata; `packed`: "", "file" or "message".
 
-    `counts`: messages by topic, None: of all.
+    `counts`: the numbers of messages by topic; under None that of all.
     """
 
     files: tuple[Path, ...]
@@ -57,25 +57,24 @@ def is_bag(path: Path) -> bool:
         return True
     return any(
         (each.parent / METADATA).is_file() and _has_bag_metadata(each)
-        for each in _places_of_file(path)
+        for each in _paths_of_file(path)
     )
 
 
-def _places_of_file(path: Path) -> Iterator[Path]:
+def _paths_of_file(path: Path) -> Iterator[Path]:
     """A file by its own path, and by its target's if it is a link."""
     yield from dict.fromkeys((path, Path(os.path.realpath(path))))
 
 
 def _has_bag_metadata(path: Path) -> bool:
-    """Whether the metadata beside a file are those of a bag."""
     try:
         return MARK.encode() in read_bytes(path.parent / METADATA, METADATA_MAX)
     except OSError:
-        return True  # which is told when they are read
+        return True  # the error is raised when they are read
 
 
 def bag_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
-    """Gives time of arrival, channel and content of each message; None for unwanted content.
+    """Gives the time of arrival, channel and content of each message; content None if unwanted.
 
     `facts` counts the messages of the wanted channels, and names the others. SoterError D016, D007.
     """
@@ -91,9 +90,9 @@ def bag_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Ite
             _require_ros1(path)
             yield from ros1_messages(path, wanted, facts)
         elif path.is_dir():
-            yield from _folder_messages(_bag_by_metadata(path), wanted, facts)
+            yield from _ros2_messages(_bag_by_metadata(path), wanted, facts)
         else:
-            yield from _folder_messages(_bag_of_file(path), wanted, facts)
+            yield from _ros2_messages(_bag_of_file(path), wanted, facts)
     except SoterError:
         raise
     except ContradictionError as error:
@@ -103,7 +102,7 @@ def bag_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Ite
     except OSError as error:
         raise unusable(path, reason(error)) from error
     except Exception as error:
-        message = str(error)[:200] if _is_for_people(error) else ""
+        message = str(error)[:200] if _has_text_for_people(error) else ""
         help_ = REMEDY1 if path.suffix.lower() == ".bag" else ""
         raise damaged_log(path, message or "it is no bag of ROS, or damaged", help_) from error
 
@@ -115,7 +114,7 @@ def _bag_of_file(path: Path) -> _Bag2:
     """
     require_no_split(path)
     storage = "mcap" if path.suffix.lower() == ".mcap" else "sqlite3"
-    for each in _places_of_file(path):
+    for each in _paths_of_file(path):
         if not (each.parent / METADATA).is_file():
             continue
         bag = _bag_by_metadata(each.parent)
@@ -137,14 +136,14 @@ def _folder_advice(part: Path) -> str:
 
 def require_no_split(path: Path) -> None:
     """Raises SoterError D016 where other parts of its bag lie beside a file given alone."""
-    for each in _places_of_file(path):
+    for each in _paths_of_file(path):
         split = SPLIT.fullmatch(each.name)
         if split is None:
             continue
         stem, kind = split[1], split[2]
         beside = each.parent.resolve()
         if kind == "mcap" and beside.name != stem and not (beside / METADATA).is_file():
-            continue  # whoever records without ROS may number logs that are none of one
+            continue  # without ROS, numbered logs need not be parts of one bag
         others = [
             other.name
             for other in sorted(beside.glob(f"*.{kind}*"))
@@ -159,19 +158,18 @@ def require_no_split(path: Path) -> None:
 
 
 def _require_ros1(path: Path) -> None:
-    """Raises SoterError D016 where a file does not begin as a bag of ROS 1 does."""
     with open_finite_file(path, pipes=False) as file:
         if file.read(len(ROS1_MAGIC)) != ROS1_MAGIC:
             raise unusable(path, "it is no bag of ROS 1, version 2.0", *remedies_for_file(path))
 
 
-def _is_for_people(error: Exception) -> bool:
+def _has_text_for_people(error: Exception) -> bool:
     """Whether the text of an error is meant for people."""
     of_readers = type(error).__module__.startswith(("rosbags.", "soter."))
     return of_readers and not isinstance(error, KeyError)
 
 
-def _folder_messages(bag: _Bag2, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
+def _ros2_messages(bag: _Bag2, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
     from soter.monitor.log_files.bag_files import (  # noqa: PLC0415 - an extra
         require_counts,
         require_no_journal,
@@ -200,7 +198,7 @@ def _bag_by_metadata(path: Path) -> _Bag2:
     from ruamel.yaml import YAML  # noqa: PLC0415 - comes with rosbags
     from ruamel.yaml.error import YAMLError  # noqa: PLC0415 - the same
 
-    from soter.monitor.log_files.bag_files import read_counts  # noqa: PLC0415 - an extra
+    from soter.monitor.log_files.bag_files import message_counts  # noqa: PLC0415 - an extra
 
     file = path / METADATA
     try:
@@ -213,7 +211,7 @@ def _bag_by_metadata(path: Path) -> _Bag2:
         names, storage = information["relative_file_paths"], information["storage_identifier"]
         mode = str(information.get("compression_mode") or "").lower()
         form = str(information.get("compression_format") or "")
-        counts = read_counts(information)
+        counts = message_counts(information)
     except (YAMLError, KeyError, TypeError, AttributeError, ValueError, RecursionError) as error:
         raise unusable(path, f"its `{METADATA}` is none of a bag", REINDEX) from error
     packed = _packed_unit(path, storage, mode, form)
@@ -222,12 +220,12 @@ def _bag_by_metadata(path: Path) -> _Bag2:
     if not all(isinstance(n, str) and _is_file_name(PurePosixPath(n).name) for n in names):
         raise unusable(path, f"its `{METADATA}` names a file that can be none of it")
     files = tuple(path / PurePosixPath(n).name for n in names)
-    _require_named(path, files, STORAGES[storage])
+    _require_all_named(path, files, STORAGES[storage])
     return _Bag2(files, storage, packed, counts)
 
 
 def _packed_unit(path: Path, storage: object, mode: str, form: str) -> str:
-    """What a bag packs: each "file", each "message", or nothing (""); SoterError D016."""
+    """The unit that a bag compresses: "file", "message", or "" for none; SoterError D016."""
     if storage not in STORAGES:
         raise unusable(
             path, f"it is stored as `{str(storage)[:40]}`: {', '.join(STORAGES)} are read"
@@ -241,11 +239,11 @@ def _packed_unit(path: Path, storage: object, mode: str, form: str) -> str:
     return packed
 
 
-def _require_named(path: Path, files: tuple[Path, ...], kind: str) -> None:
+def _require_all_named(path: Path, files: tuple[Path, ...], kind: str) -> None:
     """Raises SoterError D016 where a folder has files of messages that its metadata do not name."""
     named = {file.name for file in files}
     if not all(file.exists() for file in files):
-        return  # which is told when they are read
+        return  # the error is raised when they are read
     ends = (kind, f"{kind}.zstd")
     for each in sorted(path.iterdir()):
         if each.name.endswith(ends) and each.name not in named:
@@ -254,5 +252,5 @@ def _require_named(path: Path, files: tuple[Path, ...], kind: str) -> None:
 
 
 def _is_file_name(name: str) -> bool:
-    """Whether a name is one of a file, and no address with settings of SQLite."""
+    """Whether a name is a plain file name, not an address with settings for SQLite."""
     return name not in ("", "..") and not set(name) & set("?#%\0\\")

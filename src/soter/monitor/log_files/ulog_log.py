@@ -1,9 +1,9 @@
-"""The messages of a ULog, as PX4 writes it.
+"""Reads the messages of a ULog, as PX4 writes it.
 
 Purpose: `ulog_messages` reads messages by the formats in the file, in its order; where a file is
-cut or contradicts itself it raises D016 with the place. It has no checksums: each message, wanted
-or not, has to be of a kind that ULog has, and as long as what it says needs. `gps#1` is a topic's
-second instance; times are the topics' own `timestamp`, us since the autopilot began.
+cut or contradicts itself it raises D016 with the place. A ULog has no checksums: so the kind and
+length of every message are checked, wanted or not. `gps#1` is a topic's second instance; times are
+the topics' own `timestamp`, us since the autopilot began.
 Non-goals: what parameters and texts say; looking for the next message behind a damaged one.
 """
 
@@ -46,8 +46,8 @@ CONTROLS = {*range(32)} - {*b"\t\n\r\x1b"}
 SYNC = bytes.fromhex("2f731320250cbb12")
 
 
-def _is_other_message(kind: int, body: bytes) -> bool:
-    """Whether a body fits its kind, which is one that holds no values of a topic."""
+def _fits_other_kind(kind: int, body: bytes) -> bool:
+    """Whether a message body is valid for its kind, one of those that hold no values of a topic."""
     if kind in b"LC":
         begin = 9 if kind == ord("L") else 11
         return len(body) >= begin and body[0] in b"01234567" and not {*body[begin:]} & CONTROLS
@@ -64,7 +64,7 @@ def _is_other_message(kind: int, body: bytes) -> bool:
 
 @dataclass(frozen=True)
 class _Field:
-    """A field; `count` 0: no array; `inner`: the fields of its format, None: number or text."""
+    """A field; `count`: its elements, 0 if no array; `inner`: the fields of a nested format."""
 
     name: str
     code: str
@@ -108,7 +108,7 @@ class _Topic:
     time_at: int
 
     @classmethod
-    def of_fields(cls, name: str, fields: tuple[_Field, ...]) -> _Topic:
+    def from_fields(cls, name: str, fields: tuple[_Field, ...]) -> _Topic:
         """The topic of these fields; ValueError where no `timestamp` is among them."""
         longest = sum(f.size for f in fields)
         while fields and fields[-1].name.startswith("_padding"):
@@ -120,13 +120,13 @@ class _Topic:
         layout = struct.Struct("<" + "".join(f.struct_codes for f in fields))
         return cls(name, fields, layout, longest, time_at)
 
-    def is_as_long(self, length: int) -> bool:
+    def may_have_length(self, length: int) -> bool:
         """Whether a message of the topic, with the two bytes of its id, may have `length` bytes."""
         return self.layout.size <= length - 2 <= self.longest
 
 
 def ulog_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
-    """Gives time, topic and content (None: unwanted) of messages; counts all; SoterError D016."""
+    """Gives messages: time, topic and content, None if unwanted. Counts all. SoterError D016."""
     facts.unchecked = True
     with opened_log(path) as file:
         if file.read(len(ULOG_MAGIC)) != ULOG_MAGIC:
@@ -135,8 +135,6 @@ def ulog_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> It
 
 
 class _UlogReading:
-    """Reads a log by the formats and topics met so far."""
-
     def __init__(
         self, path: Path, file: BinaryIO, wanted: dict[str, Wanted], facts: FileFacts
     ) -> None:
@@ -193,10 +191,10 @@ class _UlogReading:
         return kind, body
 
     def _data_messages(self, body: bytes) -> Iterator[Arrived]:
-        """Gives a wanted topic's message; of another its time, if that is later than before."""
+        """Gives a wanted message; of an unwanted one only the time, if it is later than before."""
         number = int.from_bytes(body[:2], "little")
         topic = self.topics[number]
-        if not topic.is_as_long(len(body)):
+        if not topic.may_have_length(len(body)):
             raise ValueError
         self.facts.there[topic.name] = self.facts.there.get(topic.name, 0) + 1
         (time_us,) = struct.unpack_from("<Q", body, 2 + topic.time_at)
@@ -210,11 +208,11 @@ class _UlogReading:
             yield time_us * 1000, None, topic.name, None
 
     def _may_begin_message(self, length: int, kind: int, begun: bytes) -> bool:
-        """Whether a message of this kind and length may begin so: a crash may have cut it."""
+        """Whether `begun` may be the start of a message of this kind and length that was cut."""
         if kind != ord("D") or len(begun) < 2:
             return kind in b"DFAROIMPQLCS"
         topic = self.topics.get(int.from_bytes(begun[:2], "little"))
-        return topic is not None and topic.is_as_long(length)
+        return topic is not None and topic.may_have_length(length)
 
     def _note_definition(self, kind: int, body: bytes) -> None:
         """Takes note of a message without data; ValueError and the like where it is malformed."""
@@ -230,10 +228,10 @@ class _UlogReading:
         elif kind == ord("R"):
             del self.topics[struct.unpack("<H", body)[0]]
         elif kind == ord("B") and self.facts.at_byte == HEADER_BYTES:
-            self._note_flags(body)
+            self._note_appended_data(body)
         elif kind == ord("O"):
             self.lost, self.lost_ms = self.lost + 1, self.lost_ms + struct.unpack("<H", body)[0]
-        elif not _is_other_message(kind, body):
+        elif not _fits_other_kind(kind, body):
             raise ValueError
 
     def _note_topic_id(self, body: bytes) -> None:
@@ -246,7 +244,7 @@ class _UlogReading:
             raise ValueError
         self.facts.there.setdefault(channel, 0)
 
-    def _note_flags(self, body: bytes) -> None:
+    def _note_appended_data(self, body: bytes) -> None:
         """Takes note of where data were appended; SoterError for a newer kind of ULog."""
         ahead, *offsets = struct.unpack("<8x8s3Q", body[:40])
         if ahead[0] & ~1 or any(ahead[1:]):
@@ -258,7 +256,7 @@ class _UlogReading:
     def _topic_of_format(self, name: str) -> _Topic:
         """The topic of a format, made once; its instances share it."""
         if name not in self.known:
-            self.known[name] = _Topic.of_fields(name, self._fields_of_format(name, DEPTH_MAX))
+            self.known[name] = _Topic.from_fields(name, self._fields_of_format(name, DEPTH_MAX))
         return self.known[name]
 
     def _fields_of_format(self, name: str, depth: int) -> tuple[_Field, ...]:

@@ -31,7 +31,7 @@ AT_ONCE_S = 1e-3
 
 
 class Instant(NamedTuple):
-    """What held from a time on: JSON values of topics and of plants' states, modes (AC, SC)."""
+    """What holds from a time on: JSON values of topics and plants' states, modes (AC, SC)."""
 
     time_s: float
     topics: Mapping[str, Any]
@@ -39,8 +39,8 @@ class Instant(NamedTuple):
     modes: Mapping[str, str]
 
 
-class Told(NamedTuple):
-    """What a page says in words, from its heading to its grounds; `violated`: what failed."""
+class PageWords(NamedTuple):
+    """The texts of a page from its heading to its grounds; `violated`: what failed."""
 
     title: str
     headline: str
@@ -56,7 +56,7 @@ class Told(NamedTuple):
 
 def counterexample_page(
     system: System,
-    words: Told,
+    words: PageWords,
     instants: Sequence[Instant],
     violated_s: float | None,
     decisions: tuple[Decision, ...] = (),
@@ -78,7 +78,7 @@ def counterexample_page(
 
 def _chart_of_run(
     system: System,
-    words: Told,
+    words: PageWords,
     instants: Sequence[Instant],
     violated_s: float | None,
     decisions: tuple[Decision, ...],
@@ -111,7 +111,7 @@ def _chart_of_run(
 
 
 def _zoom_note(instants: Sequence[Instant]) -> tuple[str, ...]:
-    """A note that time lines show a part of the run at first, if they do."""
+    """A note if time lines first show only a part of the run; else ()."""
     several = len({i.time_s for i in instants}) > SHOWN
     text = (
         f"Time lines open at the last {SHOWN} instants; a double-click on one shows the whole run."
@@ -120,7 +120,7 @@ def _zoom_note(instants: Sequence[Instant]) -> tuple[str, ...]:
 
 
 def _opened_times(time_s: Sequence[float]) -> tuple[float, float]:
-    """The times, in s, from and to which time lines are shown at first."""
+    """The start and the end, in s, of the part that time lines show first."""
     different = sorted(set(time_s))[-SHOWN:]
     length = different[-1] - different[0]
     return different[0], different[-1] + (EDGE * length or AT_ONCE_S)

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 AC_COLOUR, SC_COLOUR = "@ac", "@sc"
 
 
-def digits_of(values: NDArray[np.float64]) -> int:
+def decimals_drawn(values: NDArray[np.float64]) -> int:
     """How many decimals a drawing of (N,) values needs: those of a 10,000th of their span."""
     finite = values[np.isfinite(values)]
     span = float(np.ptp(finite)) if finite.size else 0.0
@@ -41,13 +41,13 @@ def digits_of(values: NDArray[np.float64]) -> int:
     return 5 if span <= 0.0 else int(np.clip(4 - np.floor(np.log10(span)), 0, 12))
 
 
-def arm_group(name: str) -> str:
-    """Return the group of one arm's traces, a word."""
+def group_of_arm(name: str) -> str:
+    """The group of one arm's traces, as one word."""
     return "arm:" + "_".join(name.split())
 
 
 def figure_place(figure: Figure, kind: str) -> str:
-    """Return the place in the page, as HTML, that a figure is drawn into."""
+    """The HTML element into which a figure will be drawn."""
     height = figure.layout.get("height")
     style = f' style="height:{height}px"' if height else ""
     return (
@@ -57,7 +57,7 @@ def figure_place(figure: Figure, kind: str) -> str:
 
 
 def legend(entries: Iterable[tuple[str, str]]) -> str:
-    """Return a legend in the page's text: each entry a sign and what it means, as HTML."""
+    """A legend as HTML; each entry is a sign and its meaning."""
     items = "".join(f"<li>{sign}<span>{text}</span></li>" for sign, text in entries)
     return f'<ul class="key">{items}</ul>'
 
@@ -73,19 +73,19 @@ def dot_size(count: int, size: float) -> float:
 
 
 def takeover_dot(size: float = 10.0) -> Json:
-    """Return the dot where the DM took over, AC→SC: red, and filled where the other is a ring."""
+    """The marker for a takeover by the DM, AC→SC: a filled red dot."""
     line = {"color": "@paper", "width": 1.5}
     return {"symbol": "circle", "size": size, "color": "@takeover", "line": line}
 
 
 def giveback_dot(size: float = 10.0) -> Json:
-    """Return the green dot: the DM gave back, SC→AC."""
+    """The marker for a return to AC, SC→AC: a green ring."""
     line = {"color": "@giveback", "width": 2.75}
     return {"symbol": "circle", "size": size - 1.5, "color": "@paper", "line": line}
 
 
 def violation_cross(size: float = 11.0) -> Json:
-    """Return the cross of a violation."""
+    """The marker for a violation: a cross."""
     return {
         "symbol": "x-thin",
         "size": size,
@@ -95,7 +95,7 @@ def violation_cross(size: float = 11.0) -> Json:
 
 
 def axis_style(title: str = "", **more: object) -> Json:
-    """Return a quiet axis: thin grid, outside ticks, no zero line."""
+    """The style of a quiet axis: thin grid, ticks outside, no zero line."""
     return {
         "title": {"text": title, "font": {"size": 12}, "standoff": 8},
         "gridcolor": "@grid",
@@ -111,7 +111,7 @@ def axis_style(title: str = "", **more: object) -> Json:
 
 
 def shared_layout(**more: object) -> Json:
-    """Return what all figures share: transparent ground, the page's font and hover boxes."""
+    """The layout that all figures share: no background, the page's font, hover boxes."""
     return {
         "paper_bgcolor": "rgba(0,0,0,0)",
         "plot_bgcolor": "rgba(0,0,0,0)",
@@ -138,24 +138,24 @@ def shared_layout(**more: object) -> Json:
 
 
 def predicate_text(value: bool | float) -> str:
-    """Write a predicate's value as people read it."""
+    """The value of a predicate as text."""
     if isinstance(value, (bool, np.bool_)):
         return "true" if value else "false"
     return f"{float(value):.4g}"
 
 
 def predicates_text(predicates: Mapping[str, bool | float]) -> list[str]:
-    """Write each predicate as `name = value`."""
+    """The text `name = value` for each predicate."""
     return [f"{name} = {predicate_text(value)}" for name, value in predicates.items()]
 
 
 def change_text(decision: Decision) -> str:
-    """Write a change of mode as an arrow."""
+    """A change of mode as text with an arrow."""
     return "AC → SC" if decision.to == "SC" else "SC → AC"
 
 
 def decision_hover(decision: Decision) -> str:
-    """Return the hover text of a decision: when, which way, why, on which predicates."""
+    """The hover text of a decision: when, in which direction, why, by which predicates."""
     verb = "DM took over" if decision.to == "SC" else "DM gave back"
     lines = [
         f"<b>{verb}, {change_text(decision)}</b>",
@@ -169,7 +169,7 @@ def decision_hover(decision: Decision) -> str:
 
 
 def _hover_text(text: str) -> str:
-    """Drop the code marks of a text: hover boxes know few tags."""
+    """A text as HTML without code marks, since hover boxes know few tags."""
     return prose(text.replace("`", ""))
 
 
@@ -185,10 +185,10 @@ POINTS_MAX = 2500
 
 
 def mode_stretches(in_control: NDArray[np.bool_]) -> list[tuple[int, int, bool]]:
-    """Split (N,) modes into stretches `(first, last, is_ac)` of equal mode.
+    """The stretches `(first, last, is_ac)` of equal mode in (N,) modes.
 
-    A mode holds until the next sample, so `last` is the first sample of the next stretch (N-1
-    for the last one): lines drawn from `first` to `last` inclusive join without gaps.
+    A mode holds until the next sample, so `last` is the first sample of the next stretch (N-1 for
+    the last one): lines drawn from `first` to `last` inclusive join without gaps.
     """
     changes = np.flatnonzero(np.diff(in_control.astype(np.int8))) + 1
     firsts = [0, *changes.tolist()]
@@ -199,20 +199,20 @@ def mode_stretches(in_control: NDArray[np.bool_]) -> list[tuple[int, int, bool]]
 
 
 def is_dense(series: Series) -> bool:
-    """Whether the steps of a series are so many that they would cover their panel."""
+    """Whether a series has so many steps that they would fill its panel."""
     return series.held and int(np.count_nonzero(np.diff(series.values))) > DENSE_STEPS
 
 
 def unit_of(series: Series, others: Iterable[Series]) -> str:
-    """The unit of a series, or of another on its panel, as what measures it may have one."""
+    """The unit of a series; if it has none, that of another series on its panel."""
     sharing = [x for x in others if (x.panel or x.name) == (series.panel or series.name)]
     return next((x.unit for x in (series, *sharing) if x.unit), "")
 
 
-def rows_of_controller(
+def rows_flown_by(
     rows: NDArray[np.float64], in_control: NDArray[np.bool_], *, ac: bool
 ) -> NDArray[np.float64]:
-    """Return the rows (N, k) that AC (or SC) flew, with a NaN row between stretches."""
+    """The rows (N, k) flown by AC (or by SC), with a NaN row between stretches."""
     gap = np.full((1, rows.shape[1]), np.nan)
     parts: list[NDArray[np.float64]] = []
     for first, last, is_ac in mode_stretches(in_control):
@@ -227,11 +227,11 @@ def thinned_indices(
     dips: NDArray[np.float64] | None = None,
     points_max: int = POINTS_MAX,
 ) -> NDArray[np.intp]:
-    """Choose at most `points_max` of `count` samples: sorted indices (M,).
+    """Sorted indices (M,) of the samples to draw: at most `points_max` of `count`.
 
-    Both ends and every index in `keep` are chosen, even beyond `points_max`. What is left goes
-    half to an even stride and half to the least value of `dips` (N,) in each stretch of equal
-    length, so that no close approach disappears between two points.
+    Both ends and every index in `keep` are chosen, even beyond `points_max`. What is left goes half
+    to an even stride and half to the least value of `dips` (N,) in each stretch of equal length, so
+    that no close approach disappears between two points.
     """
     chosen = {0, count - 1, *(index for index in keep if 0 <= index < count)}
     if count <= points_max:
@@ -253,26 +253,26 @@ def thinned_indices(
 
 
 def mode_edges(in_control: NDArray[np.bool_]) -> list[int]:
-    """Return the indices on both sides of every change of mode; (N,) samples."""
+    """The indices before and after every change of mode in (N,) samples."""
     changes = np.flatnonzero(np.diff(in_control.astype(np.int8)))
     return [*changes.tolist(), *(changes + 1).tolist()]
 
 
 def nearest_indices(time_s: NDArray[np.float64], at_s: Iterable[float]) -> list[int]:
-    """Return, for each time in s, the index of the last of samples (N,) not after it, or 0."""
+    """For each time in s, the index of the last sample (N,) not after it, or 0."""
     indices = np.searchsorted(time_s, np.asarray(list(at_s), dtype=np.float64), side="right") - 1
     return [int(index) for index in np.clip(indices, 0, len(time_s) - 1)]
 
 
 def lowest_index(values: NDArray[np.float64]) -> int | None:
-    """Return the index of the least finite value of (N,), None where there is none."""
+    """The index of the least finite value in (N,); None if none is finite."""
     known = np.where(np.isfinite(values), values, np.inf)
     index = int(np.argmin(known))
     return index if np.isfinite(known[index]) else None
 
 
 def flight_indices(flight: Flight, points_max: int = POINTS_MAX) -> NDArray[np.intp]:
-    """Choose the samples of a flight that are drawn: sorted indices (M,)."""
+    """Sorted indices (M,) of the samples of a flight that are drawn."""
     events = [decision.time_s for decision in flight.decisions]
     events += [violation.time_s for violation in flight.violations]
     keep = mode_edges(flight.in_control) + nearest_indices(flight.time_s, events)
@@ -280,7 +280,7 @@ def flight_indices(flight: Flight, points_max: int = POINTS_MAX) -> NDArray[np.i
 
 
 def event_place(flight: Flight, time_s: float, position: Vec3 | None) -> Vec3:
-    """Return where an event took place, in m: `position`, else that of the flight at `time_s`."""
+    """The place of an event in m: `position`, or else that of the flight at `time_s`."""
     if position is not None:
         return position
     x, y, z = flight.position[nearest_indices(flight.time_s, [time_s])[0]].tolist()
@@ -321,8 +321,8 @@ LABEL_CHAR_PX, PHONE_PX = 6.3, 330
 """Width of a letter of a label, and of a panel on a phone, where a label takes most of it."""
 
 
-def levels_of(series: Sequence[Series]) -> dict[float, str]:
-    """The levels of a panel, each once, with the labels of all series that have it."""
+def labels_by_level(series: Sequence[Series]) -> dict[float, str]:
+    """By level of a panel: the labels of all series that have it, joined by commas."""
     labels_by_value: dict[float, list[str]] = {}
     for each in series:
         for threshold in each.thresholds:
@@ -332,7 +332,7 @@ def levels_of(series: Sequence[Series]) -> dict[float, str]:
 
 
 def levels_range(series: Sequence[Series]) -> tuple[float, float] | None:
-    """Return an axis range in which levels and their labels have room; none without levels."""
+    """The range of an axis that has room for levels and labels; None without levels."""
     levels = [threshold.value for each in series for threshold in each.thresholds]
     if not levels:
         return None
@@ -345,7 +345,7 @@ def levels_range(series: Sequence[Series]) -> tuple[float, float] | None:
 
 @dataclass(frozen=True)
 class Curves:
-    """The curves of a panel of `end_s` seconds and the range `span`, to find room for labels."""
+    """The curves of a panel, among which labels need room: `end_s` seconds wide, `span` high."""
 
     time_s: NDArray[np.float64]
     series: Sequence[Series]
@@ -353,7 +353,7 @@ class Curves:
     span: tuple[float, float]
 
     def crosses(self, window: tuple[float, float], low: float, high: float) -> bool:
-        """Whether a curve has a value from `low` to `high` in a part (0..1) of the time."""
+        """Whether a curve has a value from `low` to `high` in this part (0 to 1) of the time."""
         first, last = np.searchsorted(self.time_s, np.array(window) * self.end_s)
         first, last = max(int(first) - 1, 0), int(last) + 1
         for each in self.series:
@@ -364,8 +364,8 @@ class Curves:
         return False
 
 
-def level_names(axis: str, levels: dict[float, str], curves: Curves) -> list[Json]:
-    """The labels of a panel's levels, each where no curve runs, as far as there is such a place."""
+def level_labels(axis: str, levels: dict[float, str], curves: Curves) -> list[Json]:
+    """The labels of a panel's levels, each where no curve runs, if there is such a place."""
     room = LABEL_SHARE * (curves.span[1] - curves.span[0]) / (1 + 2 * LABEL_SHARE)
     middle = sum(curves.span) / 2
     notes: list[Json] = []
@@ -390,12 +390,12 @@ def level_names(axis: str, levels: dict[float, str], curves: Curves) -> list[Jso
         )
         side, place, low = next(free, places[0])
         taken.append((low, low + room, place))
-        notes.append(_level_name(axis, label, value, (side, place)))
+        notes.append(_level_label(axis, label, value, (side, place)))
     return notes
 
 
-def _level_name(axis: str, label: str, value: float, place: tuple[str, str]) -> Json:
-    """Return the label of a level: its edge (`bottom`: it stands above) and end."""
+def _level_label(axis: str, label: str, value: float, place: tuple[str, str]) -> Json:
+    """The label of a level; `place`: on which side of its line, and at which end."""
     side, end = place
     return {
         "text": escape(label),
@@ -417,7 +417,7 @@ BINS = 120
 
 
 def takeover_density(decisions: Sequence[Decision], axis: str, end_s: float) -> Json:
-    """Bars of the takeovers from 0 to `end_s` seconds, on the y axis of the name `axis`."""
+    """Bars that count takeovers between 0 and `end_s` seconds, on the y axis `axis`."""
     edges = np.linspace(0.0, end_s, BINS + 1)
     over, back = (
         np.histogram(np.clip([d.time_s for d in chosen], 0.0, end_s), edges)[0].tolist()
@@ -447,6 +447,6 @@ def density_title(decisions: Sequence[Decision], end_s: float, module: str = "")
 
 
 def violations_title(violations: Sequence[Violation]) -> str:
-    """The title of the row of violations: a property is marked where it failed first."""
+    """The title of the row of violations; of each property it shows the first."""
     again = any(violation.times > 1 for violation in violations)
     return "violations, the first of each property" if again else "violations"

@@ -59,33 +59,33 @@ UNITS = {"_s": "s", "_m": "m", "_km": "km", "_ns": "ns"}
 
 
 def violation_count(arm: Flight | Chart) -> int:
-    """Return how often the properties failed: as summarized, else as listed."""
+    """How often properties failed: by the summary, or else by the list of violations."""
     count = arm.summary.get("violations")
     return int(count) if isinstance(count, (int, float)) else len(arm.violations)
 
 
 def page_headline(page: ReportPage) -> list[str]:
-    """Return the result in a sentence or two: the protected arm first, then failed ones."""
+    """The result in a sentence or two: first the protected arm, then those that failed."""
     if page.headline:
         return [page.headline]
     arms: list[Flight | Chart] = [*page.flights, *page.charts]
     if not arms:
         return [page.title]
-    protected = [arm for arm in arms if _is_mixed(arm.summary)]
+    protected = [arm for arm in arms if _had_both_controllers(arm.summary)]
     subject = protected[0] if protected else arms[0]
     rest = [arm for arm in arms if arm is not subject and violation_count(arm) > 0]
     return [_arm_sentence(arm) for arm in (subject, *rest)]
 
 
 def figure_texts(summary: Summary) -> list[tuple[str, str]]:
-    """Return caption and value of every figure except lap and violations, known ones first."""
+    """Caption and value of each figure other than lap and violations; known ones first."""
     known = [key for key in KNOWN if key in summary and key not in ("lap_s", "violations")]
     others = [key for key in summary if key not in KNOWN]
     return [(_figure_caption(key), value_text(key, summary[key])) for key in (*known, *others)]
 
 
 def value_text(key: str, value: float | str) -> str:
-    """Write one figure of a summary with its unit, which the end of its key gives."""
+    """A figure of a summary as text; the end of its key gives the unit."""
     if isinstance(value, str):
         return value
     if isinstance(value, bool):
@@ -104,19 +104,19 @@ def value_text(key: str, value: float | str) -> str:
 
 
 def _figure_caption(key: str) -> str:
-    """Name a figure: known ones in words, others by their key without the unit."""
+    """The caption of a figure: in words if it is known, else its key without the unit."""
     unit = next((suffix for suffix in UNITS if key.endswith(suffix)), "")
     return CAPTIONS.get(key) or key.removesuffix(unit).replace("_", " ")
 
 
-def _is_mixed(summary: Summary) -> bool:
-    """Tell whether both controllers were in control at some time."""
+def _had_both_controllers(summary: Summary) -> bool:
+    """Whether AC and SC were each in control at some time."""
     share = summary.get("ac_share")
     return isinstance(share, (int, float)) and 0 < share < 1
 
 
 def _arm_sentence(arm: Flight | Chart) -> str:
-    """Say one arm's lap and violations."""
+    """A sentence on the lap time and the violations of an arm."""
     violations = count_text(violation_count(arm), "violation")
     lap = arm.summary.get("lap_s")
     if lap is None:
@@ -125,12 +125,12 @@ def _arm_sentence(arm: Flight | Chart) -> str:
 
 
 def longest_s(arms: Sequence[Flight | Chart]) -> float:
-    """Return the end of the longest time axis in s."""
+    """The end of the longest time axis, in s."""
     return max((float(arm.time_s[-1]) for arm in arms), default=0.0)
 
 
 def _program_section(picture: Picture | None) -> str:
-    """The section with the diagram, and where SC would lead; "" without a picture."""
+    """The section with the diagram and to where SC would lead; "" without a picture."""
     if picture is None:
         return ""
     return filled(
@@ -139,7 +139,7 @@ def _program_section(picture: Picture | None) -> str:
 
 
 def page_body(page: ReportPage) -> tuple[str, list[Figure]]:
-    """Return the inside of `<main>` and the figures it has places for."""
+    """The HTML inside `<main>`, and the figures that it has places for."""
     arms: list[Flight | Chart] = [*page.flights, *page.charts]
     scene, drawn = ("", []) if page.scene is None else page.scene.sections(page.flights)
     flown = _flight_figures(page.flights)
@@ -187,7 +187,7 @@ def _arm_cards(page: ReportPage, end_s: float) -> list[tuple[Flight | Chart, str
 
 
 def _chart_figures(chart: Chart, key: str, end_s: float) -> list[Figure]:
-    """The figures of a chart: of the first panels, and of the others, which the page folds."""
+    """The figures of a chart: one of the first panels, and one of the others, which is folded."""
     panels = list(dict.fromkeys(s.panel or s.name for s in chart.series))
     parts = [part for part in (panels[:PANELS], panels[PANELS:]) if part]
     series = [tuple(s for s in chart.series if (s.panel or s.name) in part) for part in parts]

@@ -23,7 +23,7 @@ from soter.report.run.figure_parts import (
     line_style,
     mode_edges,
     nearest_indices,
-    rows_of_controller,
+    rows_flown_by,
     shared_layout,
     takeover_dot,
     takeovers,
@@ -48,7 +48,7 @@ SHARES_MIN = (1.25, 0.3)
 
 
 def path_figure(chart: Chart, key: str) -> Figure | None:
-    """Draws the path of a chart; None where no two signals are x and y of one place."""
+    """The drawing of a chart's path; None if no two signals are x and y of one place."""
     if (found := _x_and_y(chart.series)) is None:
         return None
     rows = np.column_stack([s.values for s in found])
@@ -61,7 +61,7 @@ def path_figure(chart: Chart, key: str) -> Figure | None:
     drawn = thinned_indices(len(rows), keep)
     data: list[Json] = []
     for ac, who, colour in ((True, "AC", AC_COLOUR), (False, "SC", SC_COLOUR)):
-        part = rows_of_controller(rows[drawn], in_control[drawn], ac=ac)
+        part = rows_flown_by(rows[drawn], in_control[drawn], ac=ac)
         if len(part):
             data.append(
                 _path_trace(
@@ -91,7 +91,7 @@ def path_figure(chart: Chart, key: str) -> Figure | None:
 
 
 def _x_and_y(series: Sequence[Series]) -> tuple[Series, Series] | None:
-    """Finds the first two coordinates x and y of one place, which is no quaternion."""
+    """The first two signals that are x and y of one place, not of a quaternion; or None."""
     by_name = {s.name: s for s in series}
     for name, x in by_name.items():
         place, _, last = name.rpartition(".")

@@ -127,18 +127,18 @@ class Figure:
 
 
 class SceneView(Protocol):
-    """What draws the place that flights move through; `examples/drone/city_view.py` is one."""
+    """Draws the scene that flights move through, as `examples/drone/city_view.py` does."""
 
     def thumbnail(self, flight: Flight, flights: Sequence[Flight]) -> str:
-        """Return an SVG of one flight, in a window that holds all `flights`."""
+        """The SVG of one flight, in a window that holds all `flights`."""
 
     def sections(self, flights: Sequence[Flight]) -> tuple[str, list[Figure]]:
-        """Return sections of HTML, and the figures that they have places for."""
+        """Sections of HTML, and the figures that they have places for."""
 
 
 @dataclass(frozen=True)
 class Threshold:
-    """A level worth a line in a panel: `value` in the unit of its series."""
+    """A level that gets a line in a panel; `value` is in the unit of its series."""
 
     label: str
     value: float
@@ -262,7 +262,7 @@ class ReportPage:
 
 
 def _sample_count(time_s: NDArray[np.float64]) -> int:
-    """Return N after checking that the time axis is one, has samples and never runs backwards."""
+    """The number N of samples; ValueError if times are no axis, are none or run backwards."""
     if time_s.ndim != 1 or time_s.size == 0:
         raise ValueError(f"time_s: shape (N,) with N >= 1 expected, found {time_s.shape}")
     if not bool(np.all(np.diff(time_s) >= 0)):

@@ -45,15 +45,15 @@ AXES = {"w", "x", "y", "z"}
 
 
 def record_array(t: Type, values: Sequence[Any]) -> npt.NDArray[Any]:
-    """Makes of JSON values of a type an array of records, (n,); NaN for what is no number."""
-    return np.array([_row_values(t, value) for value in values], dtype=_dtype(t))
+    """JSON values of a type as an array of records, (n,); NaN if a value is no number."""
+    return np.array([_row_values(t, value) for value in values], dtype=_numpy_dtype(t))
 
 
-def _dtype(t: Type) -> Any:  # noqa: ANN401 - numpy's dtype constructor argument
+def _numpy_dtype(t: Type) -> Any:  # noqa: ANN401 - numpy's dtype constructor argument
     if isinstance(t, RecordType):
-        return np.dtype([(name, _dtype(field)) for name, field in t.fields])
+        return np.dtype([(name, _numpy_dtype(field)) for name, field in t.fields])
     if isinstance(t, ArrayType):
-        return np.dtype((_dtype(t.element), (t.size,)))
+        return np.dtype((_numpy_dtype(t.element), (t.size,)))
     return np.dtype(np.float64)
 
 
@@ -68,7 +68,7 @@ def _row_values(t: Type, value: Any) -> Any:  # noqa: ANN401 - JSON
 def value_series(
     system: System, plants: Mapping[str, Any], topics: Mapping[str, Any]
 ) -> Iterator[Series]:
-    """All signals, (N,) each: first `plants`, the true states by name of a plant, then topics."""
+    """Yields all signals, (N,) each: first true states, by plant in `plants`, then topics."""
     demanded = _limits_by_signal(system)
     measured = _measured_states(system)
     compared = frozenset(measured.values())
@@ -82,7 +82,7 @@ def value_series(
                 shared = each.panel == each.name.rpartition(".")[0]  # of a record
                 alone |= {each.name} & compared if not shared else set()
                 shown = replace(each, panel=each.name) if each.name in alone else each
-                yield _with_limits(shown, demanded)
+                yield _series_with_limits(shown, demanded)
     for topic in system.topics:
         if topic.held or topic.name not in topics:
             continue
@@ -97,23 +97,23 @@ def value_series(
         for each in _signals_of_value(topic.name, topic.type, topics[topic.name], marks):
             truth = measured.get(each.name, "")
             held = replace(each, held=True, panel=truth if truth in alone else each.panel)
-            yield _with_limits(held, demanded)
+            yield _series_with_limits(held, demanded)
 
 
 def sorted_by_interest(system: System, series: Sequence[Series]) -> tuple[Series, ...]:
-    """The signals, first those of panels with a limit, a margin or a state of a property."""
+    """The signals; those on panels with a limit, a margin or a judged state come first."""
     text = " ".join(p.text for p in system.properties)
 
-    def asked(s: Series) -> bool:
+    def is_asked_for(s: Series) -> bool:
         plant, _, state = s.name.partition(".")
         return bool(s.thresholds) or "(" in s.name or f"{plant}.truth.{state.split('.')[0]}" in text
 
-    first = {s.panel for s in series if asked(s)}
+    first = {s.panel for s in series if is_asked_for(s)}
     return tuple(sorted(series, key=lambda s: s.panel not in first))
 
 
 def _limits_by_signal(system: System) -> dict[str, list[Threshold]]:
-    """The limits of each signal; a level that several properties demand is drawn once."""
+    """By signal: its limits; a level demanded by several properties appears once."""
     thresholds_by_signal: dict[str, list[Threshold]] = {}
     for limit in signal_limits(system):
         levels = thresholds_by_signal.setdefault(limit.signal, [])
@@ -126,14 +126,14 @@ def _limits_by_signal(system: System) -> dict[str, list[Threshold]]:
     return thresholds_by_signal
 
 
-def _with_limits(series: Series, demanded: Mapping[str, list[Threshold]]) -> Series:
-    """A signal with its limits that are in sight, beside its declared set."""
+def _series_with_limits(series: Series, demanded: Mapping[str, list[Threshold]]) -> Series:
+    """The signal with those of its limits that are near enough to be drawn."""
     marks = _visible_levels(series.values, tuple(demanded.get(series.name, ())))
     return replace(series, thresholds=(*series.thresholds, *marks)) if marks else series
 
 
 def _measured_states(system: System) -> dict[str, str]:
-    """For each signal of a topic the true state that it is, or that it measures."""
+    """By signal of a topic: the true state that it equals or measures."""
     state_by_signal: dict[str, str] = {}
     for x in system.components:
         if x.plant is None:
@@ -148,7 +148,7 @@ def _measured_states(system: System) -> dict[str, str]:
 def _equal_states(
     name: str, e: typed.TypedExpr, names: Mapping[typed.Variable, str]
 ) -> Iterator[tuple[str, str]]:
-    """Pairs of a driven signal and the plant's state that it equals, leaf by leaf."""
+    """Yields pairs of a driven signal and the plant's state that it equals, number by number."""
     if isinstance(e, typed.VarRead) and e.variable in names:
         for path, _ in leaves(e.type):
             yield leaf_name(name, path), leaf_name(names[e.variable], path)
@@ -164,7 +164,7 @@ def _equal_states(
 def _visible_levels(
     numbers: npt.NDArray[np.float64], marks: tuple[Threshold, ...]
 ) -> tuple[Threshold, ...]:
-    """The levels to draw; none where the signal would look like a flat line beside them."""
+    """The levels to draw; () if the signal would look flat beside them."""
     levels = [m.value for m in marks]
     if not marks or not numbers.size:
         return ()

@@ -18,23 +18,23 @@ from soter.report.run.figure_parts import (
     SC_COLOUR,
     Curves,
     axis_style,
+    decimals_drawn,
     decision_hover,
     density_title,
-    digits_of,
     dot_size,
     flight_indices,
     giveback_dot,
     givebacks,
     is_dense,
-    level_names,
-    levels_of,
+    labels_by_level,
+    level_labels,
     levels_range,
     line_style,
     lowest_index,
     mode_edges,
     mode_stretches,
     nearest_indices,
-    rows_of_controller,
+    rows_flown_by,
     shared_layout,
     takeover_density,
     takeover_dot,
@@ -105,7 +105,7 @@ class _Stack:
 def flight_timeline(
     flight: Flight, key: str, *, end_s: float, clearance_range_m: tuple[float, float]
 ) -> Figure:
-    """Draw mode, clearance (in the range of all arms) and speed of a flight over `end_s` s."""
+    """The figure of mode, clearance (in the range of all arms) and speed over `end_s` s."""
     dense = [DENSITY_PX] if len(flight.decisions) > MARKS_MAX else []
     stack = _Stack([BAND_PX, PANEL_PX, PANEL_PX * 2 // 3, *dense], (0, end_s))
     data: list[Json] = []
@@ -119,7 +119,7 @@ def flight_timeline(
     room = 0.22 * (greatest - min(least, 0.0))
     stack.add_axis(1, range=[min(least, 0.0) - room, greatest + 0.3 * room], nticks=5)
     stack.add_axis(2, rangemode="tozero", nticks=4)
-    notes = [_panel_name(stack, 1, "clearance / m"), _panel_name(stack, 2, "speed / (m/s)")]
+    notes = [_panel_label(stack, 1, "clearance / m"), _panel_label(stack, 2, "speed / (m/s)")]
     shapes.append(_level_line(stack, 1, 0.0))
     if (index := lowest_index(flight.clearance_m)) is not None:
         mark, note = _lowest_mark(stack, flight, index)
@@ -128,7 +128,7 @@ def flight_timeline(
     if dense:
         data.append(takeover_density(flight.decisions, stack.axis_name(3), end_s))
         stack.add_axis(3, nticks=3, rangemode="tozero", fixedrange=True)
-        notes.append(_panel_name(stack, 3, density_title(flight.decisions, end_s)))
+        notes.append(_panel_label(stack, 3, density_title(flight.decisions, end_s)))
     else:
         data += _decision_marks(stack, 0, flight.decisions)
     if flight.violations:
@@ -140,14 +140,14 @@ def flight_timeline(
         f"{flight.title}: mode, clearance and speed over time",
         tuple(data),
         shared_layout(
-            height=stack.height_px, shapes=shapes, annotations=notes, **_frame_layout(stack)
+            height=stack.height_px, shapes=shapes, annotations=notes, **_axes_and_margins(stack)
         ),
     )
 
 
 def chart_timeline(chart: Chart, key: str, *, end_s: float) -> Figure:
-    """Draw a band for each module and a panel for each group of signals."""
-    panels = _panels(chart.series)
+    """The figure with a band for each module and a panel for each group of signals."""
+    panels = _titled_panels(chart.series)
     bands = len(chart.modes)
     mine = [  # where there is one band, all
         [d for d in chart.decisions if bands == 1 or d.module == m.module] for m in chart.modes
@@ -167,11 +167,11 @@ def chart_timeline(chart: Chart, key: str, *, end_s: float) -> Figure:
         if row not in dense:
             data += _decision_marks(stack, row, mine[row])
         if bands > 1:
-            notes.append(_panel_name(stack, row, band.module))
+            notes.append(_panel_label(stack, row, band.module))
     for row, k in enumerate(dense, bands):
         data.append(takeover_density(mine[k], stack.axis_name(row), end_s))
         stack.add_axis(row, nticks=3, rangemode="tozero", fixedrange=True)
-        notes.append(_panel_name(stack, row, density_title(mine[k], end_s, chart.modes[k].module)))
+        notes.append(_panel_label(stack, row, density_title(mine[k], end_s, chart.modes[k].module)))
     if chart.violations:
         row = first - 1
         data.append(_violation_crosses(stack, row, chart.violations))
@@ -181,42 +181,42 @@ def chart_timeline(chart: Chart, key: str, *, end_s: float) -> Figure:
         title = (
             f"violated at {first_s:.6g} s" if chart.opens else violations_title(chart.violations)
         )
-        notes.append(_panel_name(stack, row, title))
+        notes.append(_panel_label(stack, row, title))
     for row, (title, series) in enumerate(panels, first):
         if bands == 1:
             shapes += _shade_shapes(stack, row, chart.time_s, chart.modes[0].in_control)
         data += _panel_traces(stack, row, chart, series, chosen)
-        span, levels = levels_range(series), levels_of(series)
+        span, levels = levels_range(series), labels_by_level(series)
         ticks: Json = {"dtick": 1} if _has_few_values(series) else {"nticks": 5}
-        notes.append(_panel_name(stack, row, title))
+        notes.append(_panel_label(stack, row, title))
         if chart.opens and chart.violations:
             data.append(_violated_values(stack, row, chart, series))
         shapes += [_level_line(stack, row, value) for value in levels]
         if span:
             ticks["range"] = list(span)
             curves = Curves(chart.time_s, series, end_s, span)
-            notes += level_names(stack.axis_name(row), levels, curves)
+            notes += level_labels(stack.axis_name(row), levels, curves)
         stack.add_axis(row, **ticks)
     return Figure(
         key,
         f"{chart.title}: mode and signals over time",
         tuple(data),
         shared_layout(
-            height=stack.height_px, shapes=shapes, annotations=notes, **_frame_layout(stack)
+            height=stack.height_px, shapes=shapes, annotations=notes, **_axes_and_margins(stack)
         ),
     )
 
 
-def _frame_layout(stack: _Stack) -> Json:
-    """Return the axes and margins that all stacks share."""
+def _axes_and_margins(stack: _Stack) -> Json:
+    """The axes and margins of a figure of stacked rows."""
     return {
         **stack.axes,
         "margin": {"l": 40, "r": 16, "t": MARGIN_TOP_PX, "b": MARGIN_PX - MARGIN_TOP_PX},
     }
 
 
-def _panels(series: Iterable[Series]) -> list[tuple[str, list[Series]]]:
-    """Group series by panel, in order of appearance, under a title with unit and overlays."""
+def _titled_panels(series: Iterable[Series]) -> list[tuple[str, list[Series]]]:
+    """The panels in order of appearance: a title with unit and overlays, and the series."""
     groups: dict[str, list[Series]] = {}
     for each in series:
         groups.setdefault(each.panel or each.name, []).append(each)
@@ -224,7 +224,7 @@ def _panels(series: Iterable[Series]) -> list[tuple[str, list[Series]]]:
 
 
 def _panel_title(name: str, members: Sequence[Series]) -> str:
-    """Write a panel's name and unit, and what the lines drawn over the first one are."""
+    """A panel's name and unit, and the names of the lines drawn over the first one."""
     title = quantity(name, unit_of(members[0], members))
     title += ", steps too dense to tell apart" if is_dense(members[0]) else ""
     overlays = [
@@ -248,7 +248,7 @@ def _has_few_values(series: Sequence[Series]) -> bool:
 
 
 def _chart_indices(chart: Chart) -> NDArray[np.intp]:
-    """Choose the samples of a chart that are drawn."""
+    """The sorted indices (M,) of a chart's samples that are drawn."""
     events = [decision.time_s for decision in chart.decisions]
     events += [violation.time_s for violation in chart.violations]
     keep = nearest_indices(chart.time_s, events)
@@ -268,7 +268,7 @@ def _chart_indices(chart: Chart) -> NDArray[np.intp]:
 def _panel_traces(
     stack: _Stack, row: int, chart: Chart, series: Sequence[Series], chosen: NDArray[np.intp]
 ) -> list[Json]:
-    """Draw the series of one panel: the first in ink, the others dashed and named at the end."""
+    """The traces of one panel: the first in ink, others dashed and named at their ends."""
     traces: list[Json] = []
     for (colour, dash), each in zip(OVERLAYS * len(series), series, strict=False):
         unit = f" {each.unit}" if each.unit else ""
@@ -278,7 +278,7 @@ def _panel_traces(
                 "mode": "lines",
                 "name": each.name,
                 "x": rounded_numbers(chart.time_s[chosen], 4),
-                "y": rounded_numbers(each.values[chosen], digits_of(each.values)),
+                "y": rounded_numbers(each.values[chosen], decimals_drawn(each.values)),
                 "yaxis": stack.axis_name(row),
                 "opacity": BAND_OPACITY if is_dense(each) else 1.0,
                 "line": {
@@ -300,11 +300,11 @@ def _two_tone_traces(
     in_control: NDArray[np.bool_],
     unit: str,
 ) -> list[Json]:
-    """Draw a signal in the colour of whoever is in control."""
+    """The traces of a signal, in the colour of whoever is in control."""
     traces: list[Json] = []
     rows = np.column_stack([time_s, values])
     for ac, who, colour in ((True, "AC", AC_COLOUR), (False, "SC", SC_COLOUR)):
-        part = rows_of_controller(rows, in_control, ac=ac)
+        part = rows_flown_by(rows, in_control, ac=ac)
         if len(part):
             traces.append(
                 {
@@ -323,7 +323,7 @@ def _two_tone_traces(
 def _band_shapes(
     stack: _Stack, row: int, time_s: NDArray[np.float64], in_control: NDArray[np.bool_]
 ) -> list[Json]:
-    """Fill the mode band."""
+    """The rectangles of the mode band."""
     return [
         _rectangle(stack, row, time_s, (first, last), AC_COLOUR if is_ac else SC_COLOUR)
         for first, last, is_ac in mode_stretches(in_control)
@@ -334,7 +334,7 @@ def _band_shapes(
 def _shade_shapes(
     stack: _Stack, row: int, time_s: NDArray[np.float64], in_control: NDArray[np.bool_]
 ) -> list[Json]:
-    """Tint a panel while SC is in control."""
+    """The rectangles that shade a panel while SC is in control."""
     return [
         _rectangle(stack, row, time_s, (first, last), "@sc-shade")
         for first, last, is_ac in mode_stretches(in_control)
@@ -375,7 +375,7 @@ def _level_line(stack: _Stack, row: int, value: float) -> Json:
     }
 
 
-def _panel_name(stack: _Stack, row: int, name: str) -> Json:
+def _panel_label(stack: _Stack, row: int, name: str) -> Json:
     """Return the name of a row, written above its left end."""
     return {
         "text": escape(name),
@@ -391,7 +391,7 @@ def _panel_name(stack: _Stack, row: int, name: str) -> Json:
 
 
 def _lowest_mark(stack: _Stack, flight: Flight, index: int) -> tuple[Json, Json]:
-    """Mark the closest approach and write its value below: a trace and an annotation."""
+    """A trace that marks the closest approach, and an annotation with its value."""
     value = float(flight.clearance_m[index])
     time_s = round(float(flight.time_s[index]), 3)
     mark: Json = {
@@ -419,7 +419,7 @@ def _lowest_mark(stack: _Stack, flight: Flight, index: int) -> tuple[Json, Json]
 
 
 def _decision_marks(stack: _Stack, row: int, decisions: Sequence[Decision]) -> list[Json]:
-    """Put the decisions on the mode band; a takeover stands above the return that follows soon."""
+    """Marks of decisions on the mode band; takeovers are drawn over returns near them."""
     size = dot_size(len(decisions), 9)
     kinds = ((givebacks(decisions), giveback_dot(size)), (takeovers(decisions), takeover_dot(size)))
     return [
@@ -444,13 +444,13 @@ def _instant_line(time_s: float) -> Json:
 
 
 def _violation_crosses(stack: _Stack, row: int, violations: Sequence[Violation]) -> Json:
-    """Draw violations as crosses in a row of their own: a property is of no one signal."""
+    """Crosses for violations in their own row, as a property belongs to no one signal."""
     marks = [(violation.time_s, violation_hover(violation)) for violation in violations]
     return _marker_trace(stack, row, violation_cross(10), marks)
 
 
 def _violated_values(stack: _Stack, row: int, chart: Chart, series: Sequence[Series]) -> Json:
-    """Cross each curve of a panel where the property is violated, with its value there."""
+    """Crosses on the curves of a panel where the property is violated, with the values."""
     at_s = chart.violations[0].time_s
     [index] = nearest_indices(chart.time_s, [at_s])
     values = [float(each.values[index]) for each in series]
@@ -459,13 +459,13 @@ def _violated_values(stack: _Stack, row: int, chart: Chart, series: Sequence[Ser
         for each, value in zip(series, values, strict=True)
     ]
     marks = _marker_trace(stack, row, violation_cross(9), [(at_s, text) for text in texts])
-    return {**marks, "y": rounded_numbers(np.array(values), digits_of(np.array(values)))}
+    return {**marks, "y": rounded_numbers(np.array(values), decimals_drawn(np.array(values)))}
 
 
 def _marker_trace(
     stack: _Stack, row: int, marker: Json, marks: Sequence[tuple[float, str]]
 ) -> Json:
-    """Put marks on the middle of a row; `marks`: times in s, and their hover texts."""
+    """Marks on the middle of a row; `marks`: times in s, and their hover texts."""
     return {
         "type": "scatter",
         "mode": "markers",

@@ -39,7 +39,7 @@ class LedLook:
 
 @dataclass(frozen=True, eq=False)
 class LedPicture:
-    """One module: n states by name and unit, and some of its `of` looks, in order of time."""
+    """A module: n states by name and unit, and some of its `of` looks, in order of time."""
 
     module: str
     names: tuple[str, ...]
@@ -49,7 +49,7 @@ class LedPicture:
 
 
 def led_json(picture: LedPicture) -> dict[str, Any]:
-    """The picture as the page's script reads it: ms, and states as whole numbers over `scale`."""
+    """The picture as JSON for the page's script: ms, and states as integers over `scale`."""
     every = np.concatenate([look.boxes for look in picture.looks])
     shown = every[every[:, 0] != FAILED] if (every[:, 0] != FAILED).any() else every
     spans = np.maximum(shown[:, 4::2].max(axis=0) - shown[:, 3::2].min(axis=0), 1e-9)
@@ -70,7 +70,7 @@ def led_json(picture: LedPicture) -> dict[str, Any]:
 
 
 def _rounded_outwards(boxes: NDArray[np.float64], scale: NDArray[np.float64]) -> list[list[int]]:
-    """Round boxes outwards to whole numbers."""
+    """The boxes rounded outwards to whole numbers."""
     joined = _joined_boxes(boxes)
     rounded = joined.copy()
     rounded[:, 1] = np.floor(joined[:, 1] * 1e3)
@@ -81,7 +81,7 @@ def _rounded_outwards(boxes: NDArray[np.float64], scale: NDArray[np.float64]) ->
 
 
 def _joined_boxes(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Replaces neighbouring boxes of SC by their hull if there are many."""
+    """The boxes, of which neighbouring ones of SC are joined to their hull if there are many."""
     ours = boxes[:, 0] == BY_SC
     many = -(-int(ours.sum()) // BOXES_MAX) if ours.any() else 1
     number = np.where(ours, np.cumsum(ours) // max(many, 1), -1 - np.arange(len(boxes)))

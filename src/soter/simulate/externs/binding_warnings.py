@@ -1,8 +1,8 @@
-"""Warns where the files that a program binds its externs to do not hold what they should.
+"""Warns if a file that an extern is bound to lacks the code that the binding names.
 
 Purpose: `binding_warnings` gives warnings (W007) for `soter check` by reading the files' text:
-nothing is run or compiled. `wide_actions` warns (W037) of policies that may answer more than their
-topics take.
+nothing is run or compiled. `action_warnings` warns (W037) of policies whose answers may leave the
+sets of their topics.
 Non-goals: refusing; `callables.py` does that when a program runs.
 """
 
@@ -33,20 +33,22 @@ COMMENT = re.compile(r"/\*.*?\*/|//[^\n]*", re.DOTALL)
 
 
 def binding_warnings(program: TypedProgram, bound: Mapping[str, object]) -> tuple[Diagnostic, ...]:
-    """The warning W007 for every extern without code; `bound` overrides the program's bindings."""
+    """The warnings W007 for externs without code; `bound` overrides the program's bindings."""
     warnings: list[Diagnostic] = []
     others = {name.rpartition(".")[2] for name in bound}
     for name, source, span in _declared_sources(program):
         if name.rpartition(".")[2] not in others:
-            warnings += _missing_code(name, source, Label(span, "declared here"))
+            warnings += _missing_code_warning(name, source, Label(span, "declared here"))
     for name, target in bound.items():
         if isinstance(target, str):
-            warnings += _missing_code(name, target, None)
+            warnings += _missing_code_warning(name, target, None)
     return tuple(warnings)
 
 
-def wide_actions(systems: Iterable[System], bound: Mapping[str, object]) -> tuple[Diagnostic, ...]:
-    """W037 if the actions of a zip leave the set of a topic, W007 if it cannot be read."""
+def action_warnings(
+    systems: Iterable[System], bound: Mapping[str, object]
+) -> tuple[Diagnostic, ...]:
+    """W037 for each policy in a zip whose actions may leave a topic's set; W007 if unreadable."""
     found: dict[Diagnostic, None] = {}
     for system in systems:
         for x in system.components:
@@ -55,12 +57,12 @@ def wide_actions(systems: Iterable[System], bound: Mapping[str, object]) -> tupl
             names = (x.name, x.name.rpartition(".")[2], x.node.name)
             text = next((bound[n] for n in names if n in bound), x.binding)
             binding = binding_of(text) if isinstance(text, str) else None
-            if binding is not None and binding.kind == "sb3" and not _why_missing(binding):
-                found |= dict.fromkeys(_wide_answers(system, x, x.node, binding))
+            if binding is not None and binding.kind == "sb3" and not _why_code_is_missing(binding):
+                found |= dict.fromkeys(_wide_action_warning(system, x, x.node, binding))
     return tuple(found)
 
 
-def _wide_answers(
+def _wide_action_warning(
     system: System, component: Component, node: NodeSymbol, binding: BindingText
 ) -> Iterator[Diagnostic]:
     from soter.native.extern_bindings import policy_files  # noqa: PLC0415 - only then
@@ -99,11 +101,11 @@ def _declared_sources(program: TypedProgram) -> Iterator[tuple[str, str, Span]]:
                 yield symbol.name, symbol.source, symbol.span
 
 
-def _missing_code(name: str, source: str, where: Label | None) -> Iterator[Diagnostic]:
+def _missing_code_warning(name: str, source: str, where: Label | None) -> Iterator[Diagnostic]:
     binding = binding_of(source)
     if binding is None:
         return
-    reason = _why_missing(binding)
+    reason = _why_code_is_missing(binding)
     if reason:
         yield Diagnostic(
             "W007",
@@ -114,8 +116,8 @@ def _missing_code(name: str, source: str, where: Label | None) -> Iterator[Diagn
         )
 
 
-def _why_missing(binding: BindingText) -> str:
-    """Why the code of a binding cannot be there; "" if it may be there."""
+def _why_code_is_missing(binding: BindingText) -> str:
+    """The reason why the code of a binding is missing; "" if it may exist."""
     path, wanted = Path(binding.file), binding.name
     if binding.is_policy:
         absent = [file for file in binding.files if not Path(file).is_file()]
@@ -162,6 +164,6 @@ def _defined_names(body: Iterable[ast.stmt]) -> Iterator[str]:
 
 
 def _names_by_call(call: ast.Call) -> Iterator[str]:
-    """Yields the names that a call may define: `*` for `globals().update(...)` and its like."""
+    """Yields `*`, for any name, if a call like `globals().update(...)` may define names."""
     if any(isinstance(n, ast.Name) and n.id in ("globals", "exec") for n in ast.walk(call)):
         yield "*"

@@ -1,4 +1,4 @@
-"""Externs bound to C, called from the reference interpreter.
+"""Calls externs that are bound to C from the reference interpreter.
 
 Purpose: `c:file.c:name` means the same on both engines: the C is compiled as for the native
 engine, and `c_externs` makes its functions callables like those of Python.
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 
 class CFaultError(PlainError):
-    """A C extern said that it failed."""
+    """The C function of an extern returned a failure."""
 
 
 class CExtern:
@@ -51,14 +51,14 @@ def c_externs(
     system: System, core: CoreSystem, nodes: Sequence[Component], funs: dict[FunSymbol, str]
 ) -> dict[str, CExtern]:
     """A callable for each node and function that is bound to C, by full name."""
-    _refuse_the_impossible(nodes, list(funs))
+    _refuse_native_only_externs(nodes, list(funs))
     if not nodes and not funs:
         return {}
     unit = generate(system, core)
     shared = library(unit)
     with library_copy(shared) if why_it_keeps_state(unit) else nullcontext(shared) as copy:
         path = str(copy)
-        open_library(interface(), copy, linked_symbols(system, core))  # says what is missing
+        open_library(interface(), copy, linked_symbols(system, core))  # reports missing functions
         extern_by_name = {
             component.name: CExtern(_node_callable(system, component, path)) for component in nodes
         }
@@ -72,12 +72,12 @@ def c_externs(
 
 
 def linked_symbols(system: System, core: CoreSystem | None) -> dict[str, str]:
-    """For each function of a binding to C, by its name, the C file that should define it."""
+    """The C file that should define the function of each binding to C, by function name."""
     return {name: file for file, name in _c_bindings(system, core)}
 
 
-def linked_content(system: System, core: CoreSystem) -> str:
-    """A hash of the C files of bindings and of all files that they include; `SoterError` X003."""
+def linked_c_hash(system: System, core: CoreSystem) -> str:
+    """A hash of the C files of bindings with all that they include, "" without any; X003."""
     text_by_path = included_files(*(file for file, _ in _c_bindings(system, core)))
     return digest(x for p, t in text_by_path.items() for x in (str(p), t)) if text_by_path else ""
 
@@ -90,21 +90,21 @@ def _c_bindings(system: System, core: CoreSystem | None) -> list[tuple[str, str]
     return [(file, name) for _, file, name in parts]
 
 
-def _refuse_the_impossible(nodes: Sequence[Component], funs: list[FunSymbol]) -> None:
+def _refuse_native_only_externs(nodes: Sequence[Component], funs: list[FunSymbol]) -> None:
     problems = []
     for x in nodes:
         if x.node is not None and x.node.locals:
             why = "it keeps locals of its own in the state"
-            problems.append(_only_native(f"extern node `{x.name}`", why, x.node.span))
+            problems.append(_native_only_error(f"extern node `{x.name}`", why, x.node.span))
     for f in funs:
         if any(_c_type(t) is None for t in (f.result, *(p.type for p in f.parameters))):
             why = "only numbers, bools and enums can be handed over"
-            problems.append(_only_native(f"extern function `{f.name}`", why, f.span))
+            problems.append(_native_only_error(f"extern function `{f.name}`", why, f.span))
     if problems:
         raise SoterError(tuple(problems))
 
 
-def _only_native(subject: str, why: str, span: Any) -> Diagnostic:  # noqa: ANN401 - a span
+def _native_only_error(subject: str, why: str, span: Any) -> Diagnostic:  # noqa: ANN401 - a span
     return Diagnostic(
         "X008",
         f"the interpreter cannot call the C of {subject}",
@@ -141,14 +141,14 @@ def _node_callable(
         encoded = bytearray(max(in_size, 1))
         for (name, t), at in zip(reads, places, strict=True):
             encode_into(encoded, at, t, from_python(t, getattr(inputs, name)))
-        got = bytearray(max(answer.size, 1))
-        status = call(ffi.from_buffer(bytes(encoded)), ffi.from_buffer(got))
+        answer_bytes = bytearray(max(answer.size, 1))
+        status = call(ffi.from_buffer(bytes(encoded)), ffi.from_buffer(answer_bytes))
         if status != 0:
             raise CFaultError(f"it returned {status}")
         return {
-            output: _decode_member(got, *offsets[output])
+            output: _decode_member(answer_bytes, *offsets[output])
             for output in outputs
-            if got[offsets[f"has_{output}"][0]]
+            if answer_bytes[offsets[f"has_{output}"][0]]
         }
 
     return step

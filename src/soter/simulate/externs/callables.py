@@ -1,8 +1,8 @@
-"""Makes the callables of a run: the code that answers each extern on one engine.
+"""Loads the code of each extern of a run as a callable, for one engine.
 
-Purpose: `callables` loads what the externs of a system are bound to, in this process or in
+Purpose: `load_callables` loads what the externs of a system are bound to, in this process or in
 processes of their own. Every mistake is a diagnostic: X001 to X008.
-Non-goals: what is bound to what (`native/extern_bindings.py`), loading Python (`python_extern.py`),
+Non-goals: finding bindings (`native/extern_bindings.py`), loading Python (`python_extern.py`),
 calling C (`c_extern.py`), running.
 """
 
@@ -19,17 +19,17 @@ from soter.language.load.named_files import binding_of
 from soter.native.extern_bindings import (
     binding_text,
     file_hashes,
-    is_c,
+    is_in_c,
     not_callable_error,
     policy_files,
-    require_read,
+    read_externs,
 )
 from soter.simulate.externs.python_extern import (
     PythonExtern,
+    clip_target,
     load_python,
     make_instance,
     node_answers,
-    with_clip,
 )
 from soter.simulate.interrupt import StopRequest
 
@@ -43,12 +43,12 @@ POLICY_MEMORY = 2 * 2**30
 """How many bytes the process of a policy may take beyond those it begins with."""
 
 
-def callables(
+def load_callables(
     bindings: Bindings, engine: str, stop: StopRequest, *, apart: bool = False
 ) -> dict[str, object]:
-    """The callables of one run; SoterError if an extern cannot run on this engine.
+    """Loads a run's callables, by extern name; SoterError if an extern cannot run on the engine.
 
-    `apart`: nodes in Python get processes of their own.
+    `apart`: each node in Python gets its own process.
     """
     problems: list[Diagnostic] = []
     callable_by_name: dict[str, object] = {}
@@ -56,7 +56,7 @@ def callables(
         problem = _why_not_runnable(extern, engine)
         if problem is not None:
             problems.append(problem)
-        elif not is_c(extern.bound):
+        elif not is_in_c(extern.bound):
             try:
                 callable_by_name[extern.name] = _python_callable(
                     bindings.system, extern, stop, apart=apart
@@ -78,7 +78,7 @@ def require_runnable(bindings: Bindings, engine: str) -> None:
 
 
 def _why_not_runnable(extern: Extern, engine: str) -> Diagnostic | None:
-    """The error that an extern cannot run on this engine; None if it can."""
+    """The error if an extern cannot run on this engine; None if it can."""
     declared = Label(extern.span, "declared here")
     short = extern.name.rpartition(".")[2]
     if extern.bound is None:
@@ -99,14 +99,14 @@ def _why_not_runnable(extern: Extern, engine: str) -> Diagnostic | None:
             declared,
             helps=(f"bind it to Python: --bind {short}=python:file.py:name",),
         )
-    if extern.kind == "plant" and is_c(extern.bound):
+    if extern.kind == "plant" and is_in_c(extern.bound):
         return Diagnostic(
             "X008",
             f"extern plant `{extern.name}` is bound to C, which is not possible yet",
             declared,
             helps=(f"bind it to Python: --bind {short}=python:file.py:name",),
         )
-    if extern.kind == "function" and engine == "native" and not is_c(extern.bound):
+    if extern.kind == "function" and engine == "native" and not is_in_c(extern.bound):
         return Diagnostic(
             "X007",
             f"extern function `{extern.name}` is bound to Python: compiled code cannot call it",
@@ -120,8 +120,8 @@ def _why_not_runnable(extern: Extern, engine: str) -> Diagnostic | None:
 def require_files(bindings: Bindings) -> None:
     """Reads the files that answer externs before work that an error would waste; X003, X014.
 
-    Policies are loaded as for a run, so that numbers which do not fit a node are reported; no
-    Python of a person is executed. X001 and X008 for what no engine runs.
+    Policies are loaded as for a run, so that mismatches with a node are reported; Python files of
+    users are not executed. X001 and X008 for externs that no engine can run.
     """
     require_runnable(bindings, "interp")
 
@@ -134,7 +134,7 @@ def require_files(bindings: Bindings) -> None:
         else:
             file_hashes(extern.bound)
 
-    require_read(bindings.externs, read)
+    read_externs(bindings.externs, read)
 
 
 def close_externs(bound: Mapping[str, object]) -> None:
@@ -145,8 +145,8 @@ def close_externs(bound: Mapping[str, object]) -> None:
             end()
 
 
-def assumptions(bound: Mapping[str, object]) -> list[str]:
-    """A sentence for each policy on what its file leaves open."""
+def policy_assumptions(bound: Mapping[str, object]) -> list[str]:
+    """A sentence for each policy on the assumptions that its file leaves open."""
     pairs = [(name, getattr(extern, "assumed", ())) for name, extern in bound.items()]
     return [f"{name} assumes, as its file does not say: {'; '.join(x)}" for name, x in pairs if x]
 
@@ -154,8 +154,8 @@ def assumptions(bound: Mapping[str, object]) -> list[str]:
 def _c_callables(bindings: Bindings) -> dict[str, object]:
     from soter.simulate.externs.c_extern import c_externs  # noqa: PLC0415 - compiles: only if needed
 
-    nodes = [x.component for x in bindings.externs if x.component and is_c(x.bound)]
-    funs = {x.fun: str(x.bound) for x in bindings.externs if x.fun and is_c(x.bound)}
+    nodes = [x.component for x in bindings.externs if x.component and is_in_c(x.bound)]
+    funs = {x.fun: str(x.bound) for x in bindings.externs if x.fun and is_in_c(x.bound)}
     return dict(c_externs(bindings.system, bindings.core, nodes, funs))
 
 
@@ -169,13 +169,13 @@ def _python_callable(system: System, extern: Extern, stop: StopRequest, *, apart
     load = partial(_bound_target, system, extern)
     binding = binding_of(extern.bound) if isinstance(extern.bound, str) else None
     if binding is not None and binding.is_policy:
-        load = partial(_load_bounded, load)
+        load = partial(_load_within_memory, load)
     return ProcessExtern(extern.name, load, node.answers, extern.span, stop)
 
 
-def _load_bounded(load: Callable[[], object]) -> object:
-    """Loads a policy under a memory limit of `POLICY_MEMORY` more, as a graph may ask for any."""
-    with suppress(ImportError, OSError, ValueError):  # elsewhere nobody says what a process has
+def _load_within_memory(load: Callable[[], object]) -> object:
+    """Loads a policy with at most `POLICY_MEMORY` more memory; its graph may want any amount."""
+    with suppress(ImportError, OSError, ValueError):  # other systems have no /proc
         from resource import RLIMIT_AS, getrlimit, setrlimit  # noqa: PLC0415 - POSIX only
 
         pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
@@ -187,7 +187,7 @@ def _load_bounded(load: Callable[[], object]) -> object:
 def _bound_target(system: System, extern: Extern) -> object:
     target = _find_target(system, extern)
     x = extern.component
-    return target if x is None or x.node is None else with_clip(target, node_answers(system, x))
+    return target if x is None or x.node is None else clip_target(target, node_answers(system, x))
 
 
 def _find_target(system: System, extern: Extern) -> object:
@@ -202,7 +202,7 @@ def _find_target(system: System, extern: Extern) -> object:
 
 
 def _load_object(system: System, extern: Extern, text: str) -> object:
-    """The object that a text names, in a Python file, or the policy in another file."""
+    """The object that a binding's text names: in a Python file, or a policy from its file."""
     binding, x = binding_of(text), extern.component
     if binding is None or not binding.is_policy or x is None or x.node is None:
         return load_python(text, extern.span)

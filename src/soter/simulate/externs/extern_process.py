@@ -1,13 +1,13 @@
-"""An extern node in Python, in a process of its own: in virtual time, or beside a run in real time.
+"""Runs an extern node in Python in its own process, in virtual or in real time.
 
 Purpose: for `soter run`, a `ProcessExtern` asks a child process for every step. The child
 (`VirtualTimeResponder`) loads the user's code, calls it and converts its answer to text of limited
-length, which is checked here: so whatever happens in it is a step fault and nothing else. It is
-started again, `RESTARTS` times. For a run in real time `simulate/real_time.py` starts this file as
-a module with the path of a spec, which `write_spec` has written: `main` answers with a
+length, which is checked here: so every failure in the child is a step fault and no more. It is
+started again up to `RESTARTS` times. For a run in real time `simulate/real_time.py` starts this
+file as a module with the path of a spec, which `write_spec` has written: `main` answers with a
 `RealTimeResponder` until the driver is gone.
-Non-goals: being on time or right: driver and gate see to that; extern plants and functions, which
-stay in the process of the engine.
+Non-goals: lateness and wrong answers, which driver and gate handle; extern plants and functions,
+which stay in the process of the engine.
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ from soter.simulate.externs.python_answers import PlainError, failure_text
 from soter.simulate.externs.python_extern import (
     Answered,
     PythonExtern,
+    clip_target,
     load_python,
     node_answers,
-    with_clip,
 )
 from soter.simulate.interrupt import StopRequest
 from soter.workers.child_process import Child, DeadError
@@ -67,7 +67,7 @@ EXIT_LAYOUT, EXIT_LOAD = 3, 4
 
 @dataclass(frozen=True)
 class Spec:
-    """What the process has to know of its node; `binding`: its text, with absolute files."""
+    """The facts of a node that its process needs; `binding`: its text with absolute paths."""
 
     name: str
     binding: str
@@ -82,7 +82,7 @@ def write_spec(system: System, component: Component, seed: int, path: Path) -> N
     binding = binding_of(component.binding)
     assert component.node is not None
     assert binding is not None
-    absolute = str(binding.beside(Path.cwd()))
+    absolute = str(binding.in_folder(Path.cwd()))
     shapes = tuple(component.node.answers)
     exchange, answers = make_exchange(system, component), node_answers(system, component)
     spec = Spec(component.name, absolute, exchange, seed, shapes, answers)
@@ -90,17 +90,17 @@ def write_spec(system: System, component: Component, seed: int, path: Path) -> N
 
 
 class RealTimeResponder:
-    """A node beside a run in real time: requests and answers are bytes of the exchange."""
+    """Answers requests to a node in a real-time run; both are bytes as an `Exchange` says."""
 
     def __init__(self, spec: Spec) -> None:
         self._spec = spec
-        target = with_clip(_load_target(spec), spec.answers)
+        target = clip_target(_load_target(spec), spec.answers)
         self._extern = PythonExtern(spec.name, target, StopRequest(), spec.shapes)
         self._extern.reset(spec.seed)
         self._reported = False
 
     def step(self, data: bytes) -> bytes | None:
-        """The answer to a request; None if the step failed; prints the first failure."""
+        """The answer to a request, None if the step failed; the first failure is printed."""
         try:
             return self._encode_answer(self._extern.step(self._decode_inputs(data)))
         except Exception as error:  # noqa: BLE001 - whatever an extern does is its fault
@@ -137,8 +137,8 @@ def _load_target(spec: Spec) -> object:
     return policy_files().load_policy(binding, reads, spec.shapes, None)
 
 
-class _Words(io.FileIO):
-    """Standard error of a policy that waits for no reader: text without room is lost."""
+class _LossyStderr(io.FileIO):
+    """Standard error that never waits for its reader: text without room is lost."""
 
     def write(self, data: Any) -> int:  # noqa: ANN401 - bytes of any kind
         with suppress(OSError):
@@ -147,8 +147,8 @@ class _Words(io.FileIO):
 
 
 def main(path: str) -> int:
-    """Answers requests until the process is ended; returns its exit status."""
-    words = io.TextIOWrapper(_Words(2, "w"), errors="backslashreplace", line_buffering=True)
+    """Answers requests until the process is ended; gives an exit status if it cannot."""
+    words = io.TextIOWrapper(_LossyStderr(2, "w"), errors="backslashreplace", line_buffering=True)
     sys.stdout = sys.stderr = sys.__stdout__ = sys.__stderr__ = words  # type: ignore[misc]
     spec: Spec = pickle.loads(Path(path).read_bytes())  # noqa: S301 - soter wrote it
     channel = Channel(spec.exchange.number, spec.exchange.sizes)
@@ -175,7 +175,7 @@ def _report_failure(spec: Spec, why: str) -> int:
 
 PATIENCE = "SOTER_EXTERN_PATIENCE_S"
 PATIENCE_S = 60.0
-"""How long one step may take, in s of the clock, unless $SOTER_EXTERN_PATIENCE_S says it."""
+"""How long one step may take, in s of the clock, unless $SOTER_EXTERN_PATIENCE_S is set."""
 RESTARTS = 5
 TEXT_MAX = 2000
 LOADING: tuple[Code, ...] = ("X003", "X002", "X014", "D007")
@@ -187,7 +187,7 @@ class GoneError(PlainError):
 
 
 class ForgedError(PlainError):
-    """The process of an extern answered what its code cannot have computed."""
+    """The process of an extern sent an answer that its code cannot have computed."""
 
 
 class ProcessExtern:
@@ -196,17 +196,17 @@ class ProcessExtern:
     def __init__(
         self, name: str, load: Callable[[], object], shapes: Shapes, span: Span, stop: StopRequest
     ) -> None:
-        """`load()` makes the user's object, in the child; `SoterError` as it raises."""
+        """`load()` makes the user's object in the child; its `SoterError` is raised here."""
         self._name, self._load, self._shapes, self._span = name, load, tuple(shapes), span
         self._stop = stop
         self._seed: int | None = None
-        self._left = RESTARTS
+        self._restarts_left = RESTARTS
         self._patience_s = _step_patience_s()
         self.assumed: tuple[str, ...] = ()
         self._child: Child | None = self._start_child()
 
     def step(self, inputs: object) -> object:
-        """Makes a step; `GoneError`, `ForgedError`, or `PlainError` for what the extern raised."""
+        """Makes a step; `GoneError`, `ForgedError`, or `PlainError` if the extern failed."""
         if self._child is None:
             self._child = self._restart_child()
         reply = self._ask_child(self._child, b"s" + pickle.dumps(inputs), self._patience_s)
@@ -214,14 +214,14 @@ class ProcessExtern:
         if not isinstance(values, list) or len(values) != len(self._shapes):
             raise ForgedError("its process answered nothing that is an answer")
         return Converted(
-            None if v is None else check_value(t, v)
+            None if v is None else checked_value(t, v)
             for (_, t), v in zip(self._shapes, values, strict=True)
         )
 
     def reset(self, seed: int) -> None:
         """Resets the object if it has `reset`; raises the errors of `step`."""
         self._seed = seed
-        self._left = RESTARTS
+        self._restarts_left = RESTARTS
         if self._child is None:
             self._child = self._start_child()
         self._ask_child(self._child, b"r%d" % seed, None)
@@ -244,16 +244,16 @@ class ProcessExtern:
         problems = reply.get("problems")
         if problems:
             child.end("told")
-            raise SoterError(tuple(_told_diagnostic(p, self._span) for p in problems))
+            raise SoterError(tuple(_diagnostic_of_child(p, self._span) for p in problems))
         assumed = reply.get("assumed")
         texts = assumed if isinstance(assumed, list) else []
         self.assumed = tuple([visible(str(x)[:TEXT_MAX]) for x in texts[:8]])
         return child
 
     def _restart_child(self) -> Child:
-        if self._left == 0:
+        if self._restarts_left == 0:
             raise GoneError(f"its process is gone, and was started {RESTARTS} times again")
-        self._left -= 1
+        self._restarts_left -= 1
         try:
             child = self._start_child()
         except SoterError as error:
@@ -266,7 +266,7 @@ class ProcessExtern:
         """The child's answer; a child that sends anything else counts as gone."""
         self._stop.in_extern = True
         try:
-            reply = child.ask(question, patience_s)
+            reply = child.answer_to(question, patience_s)
         except DeadError as error:
             self._child = None
             raise GoneError(str(error)) from error
@@ -290,7 +290,7 @@ def _step_patience_s() -> float:
         return PATIENCE_S
 
 
-def _told_diagnostic(data: object, span: Span) -> Diagnostic:
+def _diagnostic_of_child(data: object, span: Span) -> Diagnostic:
     fields: dict[str, Any] = data if isinstance(data, dict) else {}
     code = next((code for code in LOADING if code == fields.get("code")), LOADING[0])
     lines = [[str(x)[:TEXT_MAX] for x in fields.get(k) or ()][:8] for k in ("notes", "helps")]
@@ -303,8 +303,8 @@ def _told_diagnostic(data: object, span: Span) -> Diagnostic:
     )
 
 
-def check_value(t: Type, data: Any) -> Value:  # noqa: ANN401 - anything at all
-    """The value of type `t` that was read from text; `ForgedError` if it is none."""
+def checked_value(t: Type, data: Any) -> Value:  # noqa: ANN401 - anything at all
+    """A value that was read from JSON, if it is of type `t`; else `ForgedError`."""
     if isinstance(t, BoolType):
         fits = isinstance(data, bool)
     elif isinstance(t, FloatType):
@@ -325,11 +325,11 @@ def check_value(t: Type, data: Any) -> Value:  # noqa: ANN401 - anything at all
 def _checked_parts(t: Type, data: Any) -> Value:  # noqa: ANN401 - anything at all
     if isinstance(data, list):
         if isinstance(t, RecordType) and len(data) == len(t.fields):
-            return tuple(check_value(f, v) for (_, f), v in zip(t.fields, data, strict=True))
+            return tuple(checked_value(f, v) for (_, f), v in zip(t.fields, data, strict=True))
         if isinstance(t, ArrayType) and len(data) == t.size:
-            return tuple(check_value(t.element, v) for v in data)
+            return tuple(checked_value(t.element, v) for v in data)
         if isinstance(t, ListType) and len(data) <= t.capacity:
-            return tuple(check_value(t.element, v) for v in data)
+            return tuple(checked_value(t.element, v) for v in data)
     raise ForgedError("its process answered a value of another type")
 
 
@@ -337,7 +337,7 @@ def _checked_parts(t: Type, data: Any) -> Value:  # noqa: ANN401 - anything at a
 
 
 class VirtualTimeResponder:
-    """A node in the child of a `ProcessExtern`: a question has a letter, its answer is JSON."""
+    """Answers the questions to a node in a `ProcessExtern`'s child: a letter, data; JSON back."""
 
     def __init__(self, name: str, load: Callable[[], object], shapes: Shapes) -> None:
         self._name, self._load, self._shapes = name, load, shapes

@@ -1,7 +1,7 @@
 """Answers extern steps of a compiled program with Python callables.
 
-Purpose: `ExternAnswers` reads inputs out of a state, calls, and writes the answer struct; every
-failure is the fault `extern`, never a traceback.
+Purpose: `ExternAnswers` reads inputs from a state, calls the extern, and writes the answer struct.
+Every failure is the fault `extern`, never a traceback.
 Non-goals: finding callables (`native/extern_bindings.py`), running them elsewhere (`workers/`).
 """
 
@@ -44,12 +44,12 @@ OWN_FOLDER = str(SOTER)
 
 @dataclass
 class Tally:
-    """How often an extern in Python stepped, and in how many steps it published nothing."""
+    """How many steps an extern in Python made, and in how many it published nothing."""
 
     steps: int = 0
     silent: int = 0
 
-    def count(self, values: Sequence[Value | None]) -> None:
+    def count_step(self, values: Sequence[Value | None]) -> None:
         """Counts a step without a fault."""
         self.silent += all(v is None for v in values)
 
@@ -71,8 +71,8 @@ class ExternAnswers:
         self.tallies = {x.name: Tally() for x in system.components if x.name in bound}
         self.gates = {x.index: _Gate(system, x) for x in system.components if x.name in bound}
 
-    def answer(self, state: Bytes, due: int) -> None:
-        """Computes and writes the answer for which the run waits; `state` (state_size,)."""
+    def answer_step(self, state: Bytes, due: int) -> None:
+        """Writes the answer of component `due`, for which the run waits; `state` (state_size,)."""
         component = self.system.components[due]
         self.tallies[component.name].steps += 1
         try:
@@ -82,9 +82,9 @@ class ExternAnswers:
         except BaseException as error:  # noqa: BLE001 - whatever an extern does is its fault
             if component.name not in self.failures:
                 self.failures[component.name] = failure_text(error)
-            self.library.answer(state, due, int(FaultKind.EXTERN), None)
+            self.library.answer_extern(state, due, int(FaultKind.EXTERN), None)
             return
-        self.library.answer(state, due, 0, data)
+        self.library.answer_extern(state, due, 0, data)
 
     def _read_topic(
         self, component: Component, topic: TopicSymbol, raw: memoryview
@@ -104,7 +104,7 @@ class ExternAnswers:
         )
         shapes = node.answers
         values = convert_answer(shapes, self.steps[component.index](inputs))
-        self.tallies[component.name].count(values)
+        self.tallies[component.name].count_step(values)
         self.gates[component.index].note_refusal(values, self.failures)
         answered = {n: v for (n, _), v in zip(shapes, values, strict=True) if v is not None}
         present: dict[str, Value] = {f"has_{n}": n in answered for n, _ in shapes}
@@ -123,7 +123,7 @@ class ExternAnswers:
             [(n, t, value) for (n, t), value in zip(shapes, old, strict=True)]
         )
         new = convert_answer(shapes, self.steps[component.index](inputs))
-        self.tallies[component.name].count(new)
+        self.tallies[component.name].count_step(new)
         moved = [
             old_value if new_value is None else new_value
             for old_value, new_value in zip(old, new, strict=True)
@@ -139,18 +139,18 @@ def _encode(component: Component, values: dict[str, Value]) -> bytes:
 
 
 class PlainError(Exception):
-    """A failure whose text says all that a person needs, without the type of the exception."""
+    """A failure whose text is shown to users without the type of the exception."""
 
 
 class MisuseError(PlainError):
-    """An extern does not take what it is called with; the text is told up to `SAID_MAX`."""
+    """An extern's code does not fit its call; `SAID_MAX` characters of the text are shown."""
 
 
 SAID_MAX = 600
 
 
 class _Gate:
-    """Notes leaf, value and bound of what the gate will refuse; a state keeps only the kind."""
+    """Notes leaf, value and bound of an output that the gate refuses; states hold only the kind."""
 
     def __init__(self, system: System, component: Component) -> None:
         self.name = component.name
@@ -176,7 +176,7 @@ class _Gate:
 
 
 def failure_text(error: BaseException, *, place: bool = True) -> str:
-    """An extern's failure in words, with the line of the user's own file."""
+    """An extern's failure in words, with file and line of the user's code if `place`."""
     if isinstance(error, ValueShapeError):
         return visible(f"its answer has the wrong shape: {error_message(error)}")
     if isinstance(error, MisuseError):
@@ -204,12 +204,12 @@ def _failure_place(error: BaseException) -> str:
     return f"{path}:{line}"
 
 
-def with_notes(
+def callables_with_notes(
     system: System, bound: Mapping[str, object], failures: dict[str, str], tallies: dict[str, Tally]
 ) -> dict[str, object]:
-    """The callables in `bound`, wrapped so that they note first failures and silences.
+    """Wraps the callables in `bound`, so that they note first failures and silent steps.
 
-    Silences are noted only for Python: what C leaves out only its own engine could see.
+    Silent steps are noted only for Python; those of C only the native engine could see.
     """
     wrapper_by_name: dict[str, object] = {}
     components = {x.name: x for x in system.components}
@@ -284,6 +284,6 @@ class _ComponentNotes(_FailureNotes):
 
     def _check_answer(self, answer: object) -> object:
         values = Converted(convert_answer(self.shapes, answer))
-        self.tally.count(values)
+        self.tally.count_step(values)
         self.gate.note_refusal(values, self.failures)
         return values

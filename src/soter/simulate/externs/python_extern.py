@@ -1,13 +1,13 @@
-"""Python code behind an extern: found in its file, loaded, called, and its answers clipped.
+"""Loads the Python code of an extern, calls it, and clips its answers.
 
 Purpose: `load_python` makes an object of `python:file.py:name`; errors in its file, name or
 construction are diagnostics (X002, X003). `PythonExtern` calls its `step` and raises nothing but
 `Exception`s, and `Stop` for a person's Ctrl-C. Where the code does not fit the call
 (`inputs["motion"]`, a missing name), `misuse_hint` says what an extern is called with and asked
 for, with types. With `clip`, as in `soter.remote`, a number that is too large becomes the largest
-that the topic takes; what is not finite is still refused. `call_outside` keeps for the externs the
-current folder and the depth of recursion that they set, and restores the processor's rounding;
-`end_copy` ends a process that an extern forked when the call ends.
+that the topic takes; an infinite number or NaN is still refused. `call_outside` calls externs with
+the current folder and the recursion limit that they have set, and then restores ours, and the
+rounding mode. `end_forked_copy` ends a process that an extern forked when the call ends.
 Non-goals: which extern it answers (`native/extern_bindings.py`), what its answers mean
 (`language/model/values.py`), crashes of the process, code that never returns (`workers/`); threads,
 signals and files that an extern leaves behind; mistakes inside of the extern, which Python's own
@@ -55,14 +55,14 @@ __all__ = ["PythonExtern", "load_python", "make_instance"]
 
 
 class _ExternChanges:
-    """The folder and recursion depth that externs have set; all externs share them."""
+    """The current folder and the recursion limit that externs have set; all externs share them."""
 
     folder = ""
     depth = 0
 
 
 def call_outside(call: Callable[..., object], *arguments: object) -> object:
-    """Calls `call(*arguments)` under the externs' settings; raises what the call raises."""
+    """Calls `call(*arguments)` of an extern with the externs' folder and recursion limit."""
     home, depth, process = _current_folder(), sys.getrecursionlimit(), os.getpid()
     if _ExternChanges.folder:
         _change_folder(_ExternChanges.folder)
@@ -71,7 +71,7 @@ def call_outside(call: Callable[..., object], *arguments: object) -> object:
     try:
         return call(*arguments)
     finally:
-        end_copy(process)
+        end_forked_copy(process)
         restore_plain()
         _ExternChanges.depth = sys.getrecursionlimit()
         sys.setrecursionlimit(depth)
@@ -81,8 +81,8 @@ def call_outside(call: Callable[..., object], *arguments: object) -> object:
             _change_folder(home)
 
 
-def end_copy(process: int) -> None:
-    """Ends this process at once if it is not `process`, but a copy that an extern made."""
+def end_forked_copy(process: int) -> None:
+    """Ends this process at once if it is a forked copy: if its number is not `process`."""
     if os.getpid() != process:
         with suppress(OSError):
             os.write(2, b"soter: an extern forked the process: the copy ends with the call\n")
@@ -90,7 +90,7 @@ def end_copy(process: int) -> None:
 
 
 def _current_folder() -> str:
-    """The current folder; "" if it is gone."""
+    """The path of the current folder; "" if it was removed."""
     try:
         return os.getcwd()  # noqa: PTH109 - twice a step
     except OSError:
@@ -106,7 +106,7 @@ DEPTH = 3
 
 
 def misuse_hint(error: Exception, step: object, arguments: Sequence[Any], shapes: Shapes) -> str:
-    """A line on how to write the extern instead; "" if the error is not about the call."""
+    """A hint on how to write the extern; "" if the error does not come from the call."""
     if isinstance(error, TypeError) and _call_failed(error):
         return f"{_call_words(step, arguments)}{_answer_words(shapes)}"
     (inputs, *_) = arguments or (None,)
@@ -125,13 +125,13 @@ def misuse_hint(error: Exception, step: object, arguments: Sequence[Any], shapes
 
 
 def _call_failed(error: Exception) -> bool:
-    """Whether the call itself failed: its last frame is the one that calls externs."""
+    """Whether the call itself failed, so that no code of the extern ran."""
     frames = list(traceback.walk_tb(error.__traceback__))
     return bool(frames) and frames[-1][0].f_code is call_outside.__code__
 
 
 def _call_words(step: object, arguments: Sequence[Any]) -> str:
-    """Says with what the extern is called: one argument with attributes, or several."""
+    """A text with the arguments of the extern: one with attributes, or several."""
     name = getattr(step, "__name__", "step")
     if len(arguments) != 1 or not isinstance(arguments[0], SimpleNamespace):
         types = ", ".join(_type_words(a) for a in arguments)
@@ -145,7 +145,7 @@ def _call_words(step: object, arguments: Sequence[Any]) -> str:
 
 
 def _answer_words(shapes: Shapes) -> str:
-    """Says which answer the extern is asked for."""
+    """A clause with the names and types of the answer; "" without any."""
     if not shapes:
         return ""
     keys = ", ".join(f'"{name}": {t}' for name, t in shapes)
@@ -153,7 +153,7 @@ def _answer_words(shapes: Shapes) -> str:
 
 
 def _type_words(value: object, depth: int = DEPTH) -> str:
-    """The type of a value as Python's users say it; of records also the fields."""
+    """The Python type of a value in words; for a record also its fields."""
     if isinstance(value, SimpleNamespace):
         inner = ", ".join(f"{n}: {_type_words(v, depth - 1)}" for n, v in vars(value).items())
         return f"with {inner}" if depth == DEPTH else f"({inner})" if depth else "(...)"
@@ -201,13 +201,13 @@ class PythonExtern:
             if not hint:
                 raise
             raise MisuseError(f"{failure_text(error)}: {hint}") from error
-        except BaseException as error:  # of an extern a mishap like any other
+        except BaseException as error:  # SystemExit and its like
             raise ExternEscapeError(failure_text(error)) from error
         finally:
             self._stop.in_extern = False
 
     def reset(self, seed: int) -> None:
-        """Resets the object if it has `reset`; raises ExternEscapeError as `step` does."""
+        """Calls the object's `reset`, if it has one; raises ExternEscapeError as `step` does."""
         start = getattr(self._target, "reset", None)
         if not callable(start):
             return
@@ -272,7 +272,7 @@ def _load_module(path: Path, span: Span | None) -> ModuleType:
             "X003", f"`{path}` is no Python file", span, "the name of a Python file ends in .py"
         )
     module = importlib.util.module_from_spec(spec)
-    _import_first(path.resolve().parent)
+    _put_first_on_path(path.resolve().parent)
     sys.modules[full_name] = module
     try:
         call_outside(spec.loader.exec_module, module)
@@ -286,11 +286,11 @@ def _load_module(path: Path, span: Span | None) -> ModuleType:
     return module
 
 
-def _import_first(folder: Path) -> None:
-    """Lets an extern import the files beside it, now and later.
+def _put_first_on_path(folder: Path) -> None:
+    """Puts an extern's folder first on `sys.path`, so that it can import the files there.
 
-    Modules of the same names that an extern of another folder has imported are forgotten, as this
-    one would get them. Whoever imported one keeps it.
+    It removes modules of the same names in other externs' folders from `sys.modules`, so that this
+    extern does not get them. Code that has imported one keeps it.
     """
     others = _FOLDERS - {folder}
     for name, module in list(sys.modules.items()) if others else ():
@@ -311,10 +311,10 @@ def _belongs_to(folder: Path, top: str, file: Path) -> bool:
     return file == folder / f"{top}.py" or folder / top in file.parents
 
 
-def make_instance(made_from: type, name: str, span: Span | None) -> object:
+def make_instance(cls: type, name: str, span: Span | None) -> object:
     """An object of a bound class; `SoterError` X003 if it cannot be made."""
     try:
-        return call_outside(made_from)
+        return call_outside(cls)
     except KeyboardInterrupt:
         raise
     except BaseException as error:
@@ -324,7 +324,7 @@ def make_instance(made_from: type, name: str, span: Span | None) -> object:
 
 
 def _failing_line(error: BaseException, path: Path) -> tuple[str, ...]:
-    """A note with the line of the extern's own file where it failed; () if unknown."""
+    """A note with the failed line of the extern's own file; () if it is unknown."""
     if isinstance(error, SyntaxError):
         return (f"in line {error.lineno} of `{error.filename}`",)
     places = {str(path), str(path.absolute())}
@@ -347,17 +347,17 @@ def _binding_error(
 
 
 class Answered(NamedTuple):
-    """An answer of a node: the name and type of what a step gives, and a message's set."""
+    """One answer of a node: its name, the type that a step gives, and type and set of a message."""
 
     name: str
-    given: Type
+    step_type: Type
     type: Type
     bounds: tuple[Bound | None, ...]
     burst: bool
 
 
 def node_answers(system: System, component: Component) -> tuple[Answered, ...]:
-    """The answers of an extern node, in order."""
+    """The answers of an extern node, one for each topic that it publishes, in order."""
     node = component.node
     assert node is not None
     topics = [system.topics[component.scope.topics[t]] for t in node.publishes]
@@ -367,15 +367,15 @@ def node_answers(system: System, component: Component) -> tuple[Answered, ...]:
     )
 
 
-def with_clip(target: object, answers: Sequence[Answered]) -> object:
-    """The target; if its attribute `clip` is True, an object that clips its answers."""
+def clip_target(target: object, answers: Sequence[Answered]) -> object:
+    """Wraps a target whose attribute `clip` is True, to clip its answers; others unchanged."""
     return _Clipping(target, answers) if getattr(target, "clip", False) is True else target
 
 
 class _Clipping(FilePolicy):
     def __init__(self, target: object, answers: Sequence[Answered]) -> None:
         self._step, self._answers = step_function(target), answers
-        self._shapes = [(x.name, without_ranges(x.given)) for x in answers]
+        self._shapes = [(x.name, without_ranges(x.step_type)) for x in answers]
         self._reset = getattr(target, "reset", None)
         self.assumed = target.assumed if isinstance(target, FilePolicy) else ()
 

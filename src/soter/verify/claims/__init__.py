@@ -1,8 +1,8 @@
-"""What is proved of a module, group by group and of their product.
+"""The claims about a module: about each group of states, or about their product.
 
-- `claims.py` asks the claims of a case (`grid/case.py`), group by group.
-- `start.py` is the claim about the start: where SC gets control, and what it does on defaults.
-- `product_sets.py` checks what is claimed of all groups together.
+- `claims.py` examines the claims of a case (`grid/case.py`), group by group.
+- `start.py` has the claim about the start: the initial states, and steps of SC on defaults.
+- `product_sets.py` checks claims about all groups together.
 - `choose_cells_and_levels.py` chooses cells and levels that a program leaves open.
 - `results.py`: the verdicts, and the sets behind them, as plain data.
 """

@@ -1,21 +1,19 @@
-"""The claims of one case, asked of its groups in turn (docs/verification.md, section 3).
+"""The claims of one case, examined for each of its groups (docs/verification.md, section 3).
 
 Purpose: for one combination of parameter values these functions compute C, K and R(H), check the
-inclusions of `ttf` and `safer`, compute the levels and tables of a DM without them, and find P2b: a
-set Q_g for each group that SC keeps where every estimate satisfies `safer`, and the time T from
-anywhere in K until AC has control again (from SC's first acting output until the verdict is in
-force). They also say to what plants cut C (a plant stops rather than publish outside a topic's
-set), whether the proof covers the integration scheme that flies, and P1. Each group enters its own
-failures; what concerns several groups is done here.
+inclusions of `ttf` and `safer`, and compute the levels and tables of a DM without them. For P2b
+they find a set Q_g for each group that SC keeps where every estimate satisfies `safer`, and the
+time T from anywhere in K until AC has control again (from SC's first acting output until the
+verdict is in force). Other functions find how plants cut C (a plant stops rather than publish
+outside a topic's set), whether the proof covers the integration scheme that flies, and P1.
 Symbols: head of `verify/grid/sets.py`; the index g is one group's part.
 Non-goals: where control begins (`start.py`), how a group is proved (`verify/grid/`), refinement and
 verdicts (`verify_module.py`), the error of a scheme (`grid/scheme_error.py`). That long arrays
 and lists stay in their sets is an assumption.
 
 P2b may take longer than all other claims. Where `ttf`, `safer` or the start fail, `postpone_p2b`
-leaves it to an attempt on a finer grid; if there is none, the module is undecided whatever P2b
-says, and `find_way_back_for_report` spends about as long on it as these. CPU time decides no
-verdict.
+leaves P2b to an attempt on a finer grid. If there is none, the module is undecided anyway, and
+`find_way_back_for_report` spends about as long on P2b as on these. CPU time decides no verdict.
 """
 
 from __future__ import annotations
@@ -24,7 +22,7 @@ import time
 from math import isfinite
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.current_phase import CancelledError, cancelled_when, passing_phase, telling
+from soter.diagnostics.current_phase import CancelledError, cancelled_when, passing_phase, shares_to
 from soter.language.evaluate.integration_stability import groups_that_diverge
 from soter.language.model.types import leaf_name, leaves, show_ns
 from soter.verify.claims import start
@@ -59,10 +57,9 @@ if TYPE_CHECKING:
 
 
 HOLDS = 8
-"""The limit of periods per cell of C, on average, on smaller cells than declared: beyond it K is
-given up. Where SC keeps a set, few cells take more than one period to come back to it; where it
-keeps none, each is followed again and again: 20 to 60 periods for robots tried, 4 for the lift's.
-"""
+"""The most periods per cell of C, on average, on smaller cells than declared; beyond it K is given
+up. Where SC keeps a set, few cells need more than one period to come back to it; where it keeps
+none, each is followed again and again: 20 to 60 periods for the robots tried, 4 for the lift."""
 CLAMP = (
     "clamp what SC publishes to the topic's set: a float by `clamp`, each component of a vector by "
     "`saturate`, not by its norm; an int that SC keeps by `min` and `max`"
@@ -76,10 +73,10 @@ def open_case(
     parameter: tuple[int, ...],
     before: Case | None = None,
 ) -> Case:
-    """A case with a proof of every group; `UnboundedError` where the dynamics have no enclosure.
+    """A new case with a proof of each group; `UnboundedError` if dynamics have no enclosure.
 
-    A group that is the same as in the earlier attempt `before` keeps its sets and failures: they
-    depend on the other groups' ranges only.
+    A group that is the same as in the earlier attempt `before` keeps its sets and failures, as
+    they depend only on the ranges of the other groups.
     """
     case = Case(problem, parameter, CompiledEnclosures(library, problem, parameter))
     case.holds = HOLDS if problem.declared_groups else 0
@@ -98,11 +95,11 @@ def open_case(
 
 
 def compute_constraint(case: Case) -> bool:
-    """Gives every group its part of C, and checks that C is their product; False: there is no C.
+    """Gives each group its part of C, checks that C is their product, and returns whether it is.
 
-    Enters a failure of P2a where SC may fault or publish outside its sets on C.
+    Enters a failure of P2a where it is not, or where SC may fault or leave its sets on C.
     """
-    parts = grid_claims.set_factors(case, "constraint")
+    parts = grid_claims.factors_of_predicate(case, "constraint")
     if parts is None:
         case.fail("P2a", "no state was found on which `safe` holds")
         return False
@@ -111,7 +108,7 @@ def compute_constraint(case: Case) -> bool:
         case.fail("P2a", "`safe` is no product over the groups", hint=hint)
         return False
     if case.problem.has_core_hint:
-        hinted = grid_claims.cut_to_hint(case, parts)
+        hinted = grid_claims.parts_within_core_hint(case, parts)
         if hinted is None:
             case.fail("P2a", "no state was found on which `core` holds")
             return False
@@ -126,7 +123,7 @@ def compute_constraint(case: Case) -> bool:
 
 
 def _claim_of_law(case: Case, parts: Sequence[CellsPart]) -> FailsafeClaim:
-    """Computes K_fs, the core of the fail-safe law, on the same groups, and C cut to it."""
+    """The claim with C cut to K_fs, the core of the fail-safe law, computed on the same groups."""
     problem = case.problem.law
     assert problem is not None
     names = [s.name for s in case.problem.quantities.states]
@@ -134,7 +131,7 @@ def _claim_of_law(case: Case, parts: Sequence[CellsPart]) -> FailsafeClaim:
         return FailsafeClaim(parts, parts, "the law is not about the same states as SC")
     groups = [p.group for p in case.proofs]
     library, _ = library_of(problem)
-    with passing_phase(f"{case.problem.name}: what its fail-safe law keeps"), telling(None):
+    with passing_phase(f"{case.problem.name}: what its fail-safe law keeps"), shares_to(None):
         try:
             law = open_case(problem, library, groups, case.parameter)
             law.vain = VAIN
@@ -146,14 +143,13 @@ def _claim_of_law(case: Case, parts: Sequence[CellsPart]) -> FailsafeClaim:
 
 
 def compute_core(case: Case) -> bool:
-    """Computes K of every group; False where one is empty.
+    """Computes K of every group and returns whether none is empty.
 
-    Where SC keeps nothing inside K_fs, which the fail-safe law keeps, K is computed without the
-    law.
+    Where SC keeps nothing inside K_fs, the core of the fail-safe law, K is computed without it.
     """
-    whole = _compute_cores(case)
-    if whole or case.lawful is None or not case.lawful.is_smaller:
-        return whole
+    all_found = _compute_cores(case)
+    if all_found or case.lawful is None or not case.lawful.is_smaller:
+        return all_found
     case.lawful.drop_law(NOTHING_INSIDE)
     for proof, part in zip(case.proofs, case.lawful.parts, strict=True):
         case.make_fresh(proof)
@@ -162,13 +158,13 @@ def compute_core(case: Case) -> bool:
 
 
 def _compute_cores(case: Case) -> bool:
-    whole = True
+    all_found = True
     for proof in case.fresh_proofs:
-        whole = proof.find_core(case) and whole
-    return whole
+        all_found = proof.find_core(case) and all_found
+    return all_found
 
 
-def compute_free_phase(case: Case) -> None:
+def compute_free_states(case: Case) -> None:
     """Computes R(H) of every group."""
     for proof in case.fresh_proofs:
         proof.find_free_states(case)
@@ -187,7 +183,7 @@ def compute_levels(case: Case) -> None:
 
 
 def make_tables(cases: Sequence[Case]) -> None:
-    """Makes the DM's tables of all cases together, before P2b, which asks them for control back.
+    """Makes the tables of the DM from all cases; P2b needs them.
 
     The DM has one table for all values of the parameters: an estimate lets AC have control only if
     it is in S_0 of every case. Where a case has no sets there is no table.
@@ -203,9 +199,9 @@ def make_tables(cases: Sequence[Case]) -> None:
 
 
 def check_after_core(case: Case) -> None:
-    """Computes and checks everything that follows from K except P2b."""
+    """Computes and checks all that follows from K, except P2b."""
     with ClaimTimer(case, "P3"):
-        compute_free_phase(case)
+        compute_free_states(case)
     if case.problem.computed:
         with ClaimTimer(case, "ttf"):
             compute_levels(case)
@@ -223,7 +219,7 @@ MS = 1_000_000
 
 
 def find_way_back(case: Case) -> None:
-    """Computes Q, W and the time to Q of every group; enters failures of P2b."""
+    """Computes Q, W and the time to Q of every group, and enters failures of P2b."""
     targets = _targets_of_recovery(case)
     if targets is None:
         return
@@ -236,16 +232,16 @@ def find_way_back(case: Case) -> None:
 
 
 def _targets_of_recovery(case: Case) -> list[CellsPart] | None:
-    """For each group the states all of whose estimates satisfy `safer`; None: a failure of P2b."""
+    """For each group the states all of whose estimates satisfy `safer`; None: P2b fails."""
     if case.problem.computed:
-        parts_by_proof = [p.states_given_back(case) for p in case.proofs]
+        parts_by_proof = [p.cells_that_give_ac_control(case) for p in case.proofs]
         target_parts = [part for part in parts_by_proof if part is not None]
         if len(target_parts) < len(parts_by_proof):
             case.fail("P2b", "not every case has sets: the DM never gives control back")
             return None
         return target_parts
     predicate = case.problem.return_predicate
-    parts = grid_claims.set_factors(case, predicate)
+    parts = grid_claims.factors_of_predicate(case, predicate)
     if parts is None:
         case.fail("P2b", "no state was found on which `safer` surely holds")
         return None
@@ -256,7 +252,7 @@ def _targets_of_recovery(case: Case) -> list[CellsPart] | None:
 
 
 def check_return_time(case: Case) -> None:
-    """Enters a failure of P2b where T is longer than `recover within` says."""
+    """Enters a failure of P2b where the time T is longer than `recover within` allows."""
     wanted, needed = case.problem.recover_ns, case.counts["recover_ns"]
     if wanted is not None and needed > wanted and not case.failures_of("P2b"):
         case.fail(
@@ -267,7 +263,7 @@ def check_return_time(case: Case) -> None:
 
 
 def weaken_if_waiting(problem: Problem, finding: Finding) -> None:
-    """Weakens P2b of a module that waits for others: it is proved only while they are in AC."""
+    """Weakens P2b of a module that waits for others, as it holds only while they are in AC."""
     modes = problem.modes
     if modes is None or not modes.waits or finding.verdict != PROVED:
         return
@@ -281,11 +277,11 @@ def weaken_if_waiting(problem: Problem, finding: Finding) -> None:
 
 CHEAPER = ("ttf", "safer", "start")
 LEAST_S = 4.0
-"""CPU seconds that `find_way_back_for_report` may take in any case."""
+"""The CPU seconds that `find_way_back_for_report` may take even if the rest was quicker."""
 
 
 def postpone_p2b(case: Case) -> bool:
-    """Whether a cheaper claim fails; P2b is then entered as a failure that was not examined."""
+    """Returns whether a cheaper claim fails; if so, enters P2b as a failure not examined."""
     failing = next((f.claim for f in case.failures if f.claim in CHEAPER), None)
     if failing is not None:
         case.fail("P2b", f"not looked at to the end: `{failing}` fails first").cut = True
@@ -293,7 +289,7 @@ def postpone_p2b(case: Case) -> bool:
 
 
 def find_way_back_for_report(case: Case) -> None:
-    """Runs a postponed `find_way_back` for a limited time; an incomplete answer is not kept."""
+    """Runs a postponed `find_way_back` for a limited time; drops an incomplete result."""
     not_looked_at = [f for f in case.failures if f.cut]
     assert not_looked_at, "a case that may be proved has no budget"
     case.failures = [f for f in case.failures if not f.cut]
@@ -315,7 +311,7 @@ def narrowed_leaves_in_words(problem: Problem, forms: CompiledEnclosures) -> lis
     driven = list(_driven_leaves(problem))
     if len(driven) > forms.results:
         return []
-    ends = forms.numbers("drives", forms.whole, len(driven))
+    ends = forms.result_bounds("drives", forms.whole, len(driven))
     if ends is None:
         return [FAULT]
     messages = []
@@ -331,7 +327,7 @@ def narrowed_leaves_in_words(problem: Problem, forms: CompiledEnclosures) -> lis
 
 
 def note_narrowed_leaves(result: ModuleResult, done: Sequence[Case], claims: Iterable[str]) -> None:
-    """Notes that C is cut to what plants can publish; open claims get a hint to widen the set."""
+    """Notes that C is cut to what plants can publish, and adds a hint to undecided claims."""
     texts = narrowed_leaves_in_words(result.problem, done[0].forms)
     if not texts:
         return
@@ -346,9 +342,9 @@ def note_narrowed_leaves(result: ModuleResult, done: Sequence[Case], claims: Ite
 
 
 def _driven_leaves(problem: Problem) -> Iterator[tuple[str, Bound | None, float, bool]]:
-    """Name, set, error of every driven leaf, in the order of `drives`; whether it has a number.
+    """The name, set and error of each driven leaf, and whether it is numbered, as in `drives`.
 
-    Lists, and arrays too long to be numbered, have none; that they stay in their sets is assumed.
+    Leaves of lists and of long arrays have no number; that they stay in their sets is assumed.
     """
     system = problem.system
     plants = [c for c in system.components if c.plant is not None]
@@ -370,25 +366,25 @@ IN_PROOF = (
 
 
 def keys_of_shown_scheme(problem: Problem, done: Sequence[Case]) -> frozenset[str]:
-    """The key of the assumption SCHEME where the proof shows it: all flows are linear."""
+    """The key of the assumption SCHEME if the proof shows it, as all flows are linear; or none."""
     assumed = SCHEME in problem.assumptions
     return frozenset((SCHEME.key,)) if assumed and all(map(_covers_scheme, done)) else frozenset()
 
 
 def solution_assumptions(problem: Problem, done: Sequence[Case]) -> list[Assumption]:
-    """The assumption that stands for SCHEME where SC comes to rest: a rate may jump there."""
+    """The assumption made in the place of SCHEME where SC comes to rest, as rates may jump."""
     groups = [g for c in done for g in c.sets.groups]
     rests = SCHEME in problem.assumptions and any((g.core == RESTS).any() for g in groups)
     return [EVERY_SOLUTION] * rests
 
 
 def why_scheme_diverges(problem: Problem) -> str:
-    """Why the assumed scheme is known to diverge, in words; "": nothing is known."""
+    """Why the assumed scheme is known to diverge, in words; "": it is not known to."""
     states = zip(problem.quantities.states, problem.states, strict=True)
     within = {(s.owner, s.member, s.path): (r.low, r.high) for s, r in states}
     for c in problem.system.components:
-        own = {(name, path): r for (owner, name, path), r in within.items() if owner == c.index}
-        for d in groups_that_diverge(problem.system, c, own):
+        ranges = {(name, path): r for (owner, name, path), r in within.items() if owner == c.index}
+        for d in groups_that_diverge(problem.system, c, ranges):
             names = ", ".join(d.names)
             return (
                 f"the scheme of {c.name} makes {names} diverge: a step multiplies by {d.growth:.3g}"
@@ -411,11 +407,11 @@ HOW = {
     "failsafe": "K inside the core of the fail-safe law",
     "DM": "the compiled DM on all facts, and tried on every class of input",
 }
-"""How claims are shown that are not shown group by group."""
+"""How each claim is shown that is not shown group by group, in words."""
 
 
 def enter_static_claims(problem: Problem, result: ModuleResult) -> None:
-    """Enters P1a and P1b, which were checked with the program, and P1c, which compares times."""
+    """Enters the findings on P1a and P1b, which `soter check` shows, and on P1c, about times."""
     times = problem.times
     result.findings["P1a"] = Finding(
         PROVED,

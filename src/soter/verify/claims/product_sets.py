@@ -1,10 +1,10 @@
 """Sets that are products over groups, and the check that a predicate holds on such a product.
 
 Purpose: a `CellsPart` is one group's part of a set. `product_holds` checks that a predicate is true
-all over the product of such parts (docs/verification.md, Groups); `why_sc_leaves_sets`, that SC
-does not fault there nor publish outside its sets. `FailsafeClaim` cuts C to K_fs, the core of the
-module with its fail-safe law in the place of SC: SC then has to keep that instead of C, so that the
-law may take over at any time (docs/proof.md, "When the trusted part stops").
+all over the product of such parts (docs/verification.md, Groups). `why_sc_leaves_sets` checks that
+SC neither faults there nor publishes outside its sets. `FailsafeClaim` cuts C to K_fs, the core of
+the module with its fail-safe law in the place of SC. SC then has to keep K_fs instead of C, so that
+the law may take over at any time (docs/proof.md, "When the trusted part stops").
 Non-goals: dynamics; computing K_fs (`claims.py`), its problem
 (`verify/problem/verification_system.py`), the lease.
 """
@@ -30,22 +30,22 @@ if TYPE_CHECKING:
 
 Block: TypeAlias = list[slice]
 SPLITS_MAX = 20_000
-"""The most boxes that a product check examines; `LAW_SPLITS_MAX`: a check of SC."""
+"""The most boxes that a check of a product examines; `LAW_SPLITS_MAX`: that of SC."""
 LAW_SPLITS_MAX = 4_000
 
 
 def states_elsewhere(
     problem: Problem, group: GridGroup, point: Floats
 ) -> dict[int, tuple[float, float]]:
-    """Ranges that fix the states of other groups at a point, of shape (states,)."""
-    own = set(group.axes)
+    """The ranges, by state, that fix the states of other groups at `point`, shape (states,)."""
+    axes = set(group.axes)
     return {
-        s: (float(point[s]), float(point[s])) for s in range(len(problem.states)) if s not in own
+        s: (float(point[s]), float(point[s])) for s in range(len(problem.states)) if s not in axes
     }
 
 
 def points_to_try(problem: Problem) -> list[Floats]:
-    """Points, (states,) each, where a predicate may hold: the start, zero, the ranges' middle."""
+    """Points, (states,) each, where a predicate may hold: the start, zero, the middle of ranges."""
     low = np.array([r.low for r in problem.states])
     high = np.array([r.high for r in problem.states])
     start = np.array([i.low / 2 + i.high / 2 for i in problem.initial])
@@ -63,12 +63,12 @@ class CellsPart:
     cells: Bools
 
     def smallest_block(self, block: Block | None = None) -> Block | None:
-        """The smallest block around the cells of the set in a block."""
+        """The smallest block around those cells of the set that are in `block`; None: no cells."""
         whole = [slice(0, n) for n in self.cells.shape] if block is None else block
         return _smallest_block(self.cells, whole)
 
-    def ranges(self, block: Block) -> Ranges:
-        """The ends of a block along every axis, by state."""
+    def ranges_of_block(self, block: Block) -> Ranges:
+        """The range of a block along each axis, by state."""
         every = zip(self.engine.axes, self.engine.spans, block, strict=True)
         return {
             state: (float(edges[part.start]), float(edges[part.stop]))
@@ -76,21 +76,21 @@ class CellsPart:
         }
 
     def first_cell(self, block: Block) -> Block:
-        """The first cell of the set in a block, in C order."""
+        """The first cell, in C order, of the set in a block."""
         at = np.argwhere(self.cells[tuple(block)])[0]
         return [
             slice(p.start + int(i), p.start + int(i) + 1) for p, i in zip(block, at, strict=True)
         ]
 
     def holds_alone(self, predicate: str) -> bool:
-        """Whether a predicate holds on every cell of the set, whatever other states are."""
+        """Whether a predicate holds on every cell of the set for all values of other states."""
         return bool((self.engine.cells_true(predicate) | ~self.cells).all())
 
 
 def product_holds(forms: CompiledEnclosures, parts: Sequence[CellsPart], predicate: str) -> bool:
-    """Whether a predicate is true all over the product of the parts; False also where unknown.
+    """Whether a predicate is shown to be true all over the product of the parts.
 
-    It is evaluated on the product of the sets' blocks. Where it is unknown there, a block is split
+    It is evaluated on the product of the sets' blocks. Where it is undecided, a block is split
     along its longest axis: the block of a group that, at one of its cells alone, decides the
     predicate, or else the longest block.
     """
@@ -103,18 +103,18 @@ def product_holds(forms: CompiledEnclosures, parts: Sequence[CellsPart], predica
 def _holds_on_product(
     forms: CompiledEnclosures, parts: Sequence[CellsPart], predicate: str
 ) -> bool:
-    """`product_holds` for one conjunct: splits blocks until it is true on each of them."""
+    """Whether one conjunct is true all over the product: splits blocks until it is on each."""
     todo = [tuple(p.smallest_block() for p in parts)]
     looked = 0
     while todo:
         hulls = todo.pop()
         blocks = [b for b in hulls if b is not None]
         if len(blocks) < len(hulls):
-            continue  # no cells: nothing to show
+            continue  # the product has no cells here
         looked += 1
         if looked > SPLITS_MAX:
             return False
-        if forms.true(predicate, _box_of_blocks(forms, parts, blocks)):
+        if forms.is_surely_true(predicate, _box_of_blocks(forms, parts, blocks)):
             continue
         split = _split_longest_block(forms, parts, blocks, predicate)
         if split is None:
@@ -141,28 +141,28 @@ def _box_of_blocks(
 ) -> Floats:
     box = np.array(forms.whole)
     for part, block in zip(parts, blocks, strict=True):
-        for state, ends in part.ranges(block).items():
+        for state, ends in part.ranges_of_block(block).items():
             box[state] = ends
     return box
 
 
 def _longest_side(block: Block) -> int:
-    """The number of cells of a block along its longest axis."""
+    """The number of cells of a block along its longest side."""
     return max((p.stop - p.start for p in block), default=1)
 
 
 def _split_longest_block(
     forms: CompiledEnclosures, parts: Sequence[CellsPart], blocks: Sequence[Block], predicate: str
 ) -> list[tuple[Block | None, ...]] | None:
-    """The two products that a split makes; None where all blocks are single cells."""
+    """The two products after a split; None where all blocks are single cells."""
     best: int | None = None
     for g, block in enumerate(blocks):
         if _longest_side(block) == 1:
             continue
-        # does this group matter? with it at one cell of its set the rest may be decided
+        # with this group at one cell of its set the predicate may be decided: then split it
         alone = list(blocks)
         alone[g] = parts[g].first_cell(block)
-        if forms.true(predicate, _box_of_blocks(forms, parts, alone)):
+        if forms.is_surely_true(predicate, _box_of_blocks(forms, parts, alone)):
             best = g
             break
         if best is None or _longest_side(block) > _longest_side(blocks[best]):
@@ -186,9 +186,9 @@ def _split_longest_block(
 def why_sc_leaves_sets_on_product(
     problem: Problem, forms: CompiledEnclosures, parts: Sequence[CellsPart]
 ) -> str:
-    """Why SC might publish outside its sets, or fault, on the hull of the sets; "" if it cannot.
+    """Why SC might publish outside its sets, or fault, on the hull of the sets; "": it cannot.
 
-    SC steps at every instant, in control or not, so all of C is looked at, with every error.
+    SC steps at any time, in control or not, so all of C is examined, with every error.
     """
     hulls = [p.smallest_block() for p in parts]
     blocks = [b for b in hulls if b is not None]
@@ -198,7 +198,7 @@ def why_sc_leaves_sets_on_product(
 
 
 def why_sc_leaves_sets(problem: Problem, forms: CompiledEnclosures, box: Floats) -> str:
-    """Why SC might fault or publish outside its sets on a box of inputs, (inputs, 2); else ""."""
+    """Why SC might fault or leave its sets on a box of inputs, (inputs, 2); "": it cannot."""
     count = len(problem.controls)
     limits = np.array([(c.low, c.high) for c in problem.controls])
     moving = [i for i in range(len(box)) if box[i, 0] < box[i, 1]]
@@ -206,7 +206,7 @@ def why_sc_leaves_sets(problem: Problem, forms: CompiledEnclosures, box: Floats)
     looked = 0
     while todo:
         part = todo.pop()
-        answer = forms.numbers("law", part, count)
+        answer = forms.result_bounds("law", part, count)
         if (
             answer is not None
             and np.all(answer[:, 0] >= limits[:, 0])
@@ -239,17 +239,16 @@ NOT_FOR_LAWS = (
 )
 NOTHING_KEPT = "no set was found that the law keeps"
 VAIN = 0.001
-"""The share of C's cells that may stay in C and never come back to K_fs: with more it is given up.
+"""K_fs is given up where more than this share of the cells of C stays in C but does not come back.
 
-A law that drifts loses one layer of cells in each round until nothing is left, and each cell is
-followed to the end: a hundred times the work for SC's own set. Of every law that keeps something,
-in the examples and the tests, there was not one such cell.
-"""
+A law that drifts loses one layer of cells in each round until none is left, and each cell is
+followed to the end: a hundred times the work for the set of SC. No law that keeps a set, in the
+examples and tests, had one such cell."""
 NOTHING_INSIDE = "SC keeps nothing inside what the law keeps"
 
 
 def hint_for_law(why: str) -> str:
-    """Advice where the fail-safe law is not shown; `why`: that of its `FailsafeClaim`."""
+    """Advice where the claim of the fail-safe law is not shown; `why`: its reason."""
     if why == NOTHING_INSIDE:
         return "an SC that stays where the law can take over; a finer grid"
     return (
@@ -260,7 +259,7 @@ def hint_for_law(why: str) -> str:
 
 @dataclass(eq=False)
 class FailsafeClaim:
-    """C cut to K_fs, group by group (`parts`), or C itself (`whole`) if `why` says why not.
+    """The set C cut to K_fs, by group (`parts`), or all of C (`whole`) if `why` gives a reason.
 
     `cells`: the numbers of cells of K_fs and of C, of all groups together.
     """
@@ -270,27 +269,27 @@ class FailsafeClaim:
     why: str = ""
     cells: tuple[int, int] = (0, 0)
     law: CaseSets | None = None
-    """The sets of the law, where it is cut to K_fs."""
+    """The sets of the law, if C is cut to K_fs."""
 
     @property
     def is_smaller(self) -> bool:
-        """Whether SC has to keep less than C."""
+        """Whether SC has to keep a smaller set than C."""
         return self.parts is not self.whole
 
     def drop_law(self, why: str) -> None:
-        """Lets SC keep all of C again; `why` the law is not shown."""
+        """Lets SC keep all of C again; `why`: the reason why the law is not shown."""
         self.parts, self.why = self.whole, why
 
 
 def claim_without_law(problem: Problem, parts: Sequence[CellsPart]) -> FailsafeClaim | None:
-    """The claim where no law has to be examined; None: a law has to be."""
+    """The claim of a module that has no law to examine; None: it has one."""
     if problem.law is not None:
         return None
     return FailsafeClaim(parts, parts, problem.law_unread or NO_LAW)
 
 
 def cut_to_law_core(law: CaseSets, parts: Sequence[CellsPart]) -> FailsafeClaim:
-    """The claim with C cut to K_fs; `law` has the law's sets, on the same cells as `parts`."""
+    """The claim with C cut to K_fs; `law`: the sets of the law, on the same cells as `parts`."""
     core_parts: list[CellsPart] = []
     kept = of = 0
     for proof, part in zip(law.proofs, parts, strict=True):

@@ -1,4 +1,4 @@
-"""What a verification found, as plain data.
+"""The results of a verification, as plain data.
 
 Purpose: the verdict on each property and how it was reached (`Finding`), and the sets of every case
 and group, which certificates, monitors, computed predicates and reports use. Symbols: head of
@@ -28,24 +28,24 @@ if TYPE_CHECKING:
 
 PROVED, REFUTED, UNDECIDED, ASSUMED = "proved", "refuted", "undecided", "assumed"
 WORSE = (PROVED, ASSUMED, UNDECIDED, REFUTED)
-"""Each is worse than those before it."""
+"""The verdicts from the best to the worst."""
 NO_CORE = "there is no K"
-"""The text of every claim that needs K where K is empty; P2a says why it is."""
+"""The text of each claim that needs K, where K is empty; P2a has the reason."""
 PROPERTIES = ("P1a", "P1b", "P1c", "P2a", "P2b", "P3", "ttf", "safer", "start", "failsafe", "DM")
 """All properties, in the order of every output. `start`: the declared initial states are among
 those proved; `failsafe`: the fail-safe law keeps C once the lease has ended (`product_sets.py`);
 `DM`: the decision module's generated code decides as declared (`deploy/dm_check.py`)."""
 STAYS = "not asked: `{}`, SC may keep control for ever"
-"""The text of P2b where it is not asked; {}: the clause of the program that says so."""
+"""The text of P2b where it is not asked; {} is the clause of the program that says so."""
 REGIONS_SHOWN = 3
-"""Of a finding, for people."""
+"""The most regions of a finding that are shown to people."""
 UNCLAIMED = ("DM",)
-"""Properties that no certificate claims, as they are about generated code."""
+"""The properties that no certificate claims, as they are about generated code."""
 
 
 @dataclass(frozen=True)
 class Region:
-    """A box of true states where a claim could not be shown: names of states and their ranges."""
+    """A box of true states where a claim is not shown: names of states with their ranges."""
 
     axes: tuple[tuple[str, float, float], ...]
     parameters: tuple[tuple[str, int], ...] = ()
@@ -65,9 +65,9 @@ class Region:
 class Vacuity:
     """Why a proof says little: AC never, or hardly ever, has control (`diagnosis/vacuity.py`).
 
-    `how_often`: how often it has, "not shown" where that is unknown; `what` is the reason: `ttf`,
+    `how_often`: how often AC has control, "not shown" if unknown; `what`: the reason: `ttf`,
     `safer`, `safe` or `core` (K itself); `share`: the share of K, or of C for `core`, where AC may
-    have control; `parameters`: of the worst case of several.
+    have control; `parameters`: those of the worst case.
     """
 
     how_often: str
@@ -79,10 +79,10 @@ class Vacuity:
 
 @dataclass(frozen=True)
 class Cause:
-    """Why a claim could not be shown, as runs show it (`diagnosis/open_claims.py`).
+    """The cause why a claim is not shown, as runs show it (`diagnosis/open_claims.py`).
 
-    `kind`: for machines (docs/json.md); `text`: what was measured, one sentence; `hint`: what
-    would help; `numbers`: the measurement.
+    `kind`: for machines (docs/json.md); `text`: a sentence on what was measured; `hint`: what
+    would help; `numbers`: the measured values.
     """
 
     kind: str
@@ -93,10 +93,10 @@ class Cause:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LeavingRun:
-    """A run of the *model* under SC alone that leaves C; no run of the program.
+    """A run of the *model* under SC alone that leaves C; it is no run of the program.
 
-    `states` has a row for each of `time_s`, in the order of `names`; `safe` says that it left C
-    inside the grid, otherwise it left the grid by the end `side` (-1 low, 1 high) of `axis`.
+    `states` has a row for each of `time_s`, in the order of `names`. `safe`: whether it left C
+    inside the grid; if not, it left the grid by the end `side` (-1 low, 1 high) of `axis`.
     """
 
     names: tuple[str, ...]
@@ -126,7 +126,7 @@ class LeavingRun:
 
 @dataclass(frozen=True)
 class FlownFigures:
-    """A module's figures in a run; `ac_share`: AC's share of the time; `table_bytes`: 0 if none."""
+    """The figures of a module in a run; `ac_share`: AC's share of the time; 0 bytes: no tables."""
 
     takeovers_per_min: float
     ac_share: float
@@ -140,7 +140,7 @@ class FlownFigures:
 
 @dataclass(frozen=True)
 class RemedyCost:
-    """What changes that prove a module cost, measured in runs of `system` with seed 1.
+    """The costs of changes that prove a module, measured in runs of `system` with seed 1.
 
     `before`: None where the program as it stands has no tables to fly. `not_measured`: why there
     are no figures, "" where there are. Made by `diagnosis/tried_remedies.py`.
@@ -164,13 +164,13 @@ class RemedyCost:
 class Finding:
     """The verdict on one property.
 
-    `method`: how; `text`: what was found, one sentence; `hint`: what would help where undecided;
-    `counterexample`: the run of a refutation (`verify/counterexample.py`); `causes`,
-    `leaving`: what was measured where it is undecided.
+    `method`: how it was reached; `text`: a sentence on what was found; `hint`: what would help if
+    undecided; `counterexample`: the run of a refutation (`verify/counterexample.py`); `causes`,
+    `leaving`: what was measured if undecided.
     """
 
     verdict: str
-    """The worst verdict that it depends on: `weaken_to` makes it worse, and nothing better."""
+    """The verdict, which `weaken_to` can make worse, and nothing can make better."""
     seconds: float = 0.0
     method: str = ""
     text: str = ""
@@ -183,9 +183,9 @@ class Finding:
     tried: list[str] = field(default_factory=list)
     """The remedies that were verified, each with its outcome (`diagnosis/tried_remedies.py`)."""
     remedied: Problem | None = None
-    """The problem with the remedies that prove every claim; None: none do."""
+    """The problem with the remedies that prove every claim; None: no remedies do."""
     cost: RemedyCost | None = None
-    """What these remedies cost; None: none prove every claim."""
+    """The costs of these remedies; None: no remedies prove every claim."""
     saved: Path | None = None
     """The file that the counterexample was saved to."""
 
@@ -195,9 +195,9 @@ class Finding:
         super().__setattr__(name, value)
 
     def weaken_to(self, verdict: str, text: str = "", hint: str = "") -> None:
-        """Makes the verdict the worse of its own and this one.
+        """Replaces the verdict unless it is already worse than `verdict`.
 
-        `text` and `hint` replace the finding's unless its own verdict is the worse one.
+        A `text` that is not empty then replaces the text, and `hint` the hint.
         """
         if WORSE.index(verdict) < WORSE.index(self.verdict):
             return
@@ -225,13 +225,13 @@ class GroupSets:
     core: NDArray[np.uint8]
     free: NDArray[np.bool_] | None = None
     possible: NDArray[np.bool_] | None = None
-    """Cells on which `safe` may be true."""
+    """The cells on which `safe` may be true."""
     lets_ac: NDArray[np.bool_] | None = None
-    """Cells on which `ttf` may be false: there AC may keep control."""
+    """The cells on which `ttf` may be false, so that AC may keep control."""
     gives_back: NDArray[np.bool_] | None = None
-    """Cells on which `safer` may be true: there AC may get control."""
+    """The cells on which `safer` may be true, so that AC may get control."""
     target: NDArray[np.bool_] | None = None
-    """States all of whose estimates satisfy `safer`: Q was looked for in them."""
+    """The states all of whose estimates satisfy `safer`; Q was searched in this set."""
     home: NDArray[np.uint8] | None = None
     rank: NDArray[np.uint16] | None = None
     rank_holds: NDArray[np.uint8] | None = None
@@ -239,18 +239,18 @@ class GroupSets:
     return_ns: int = 0
     """The longest time from W to Q in ns."""
     levels: list[NDArray[np.bool_]] = field(default_factory=list)
-    """S_0, S_1, ..., sets of estimates, where predicates are computed."""
+    """The sets of estimates S_0, S_1, ..., where predicates are computed."""
     tops: NDArray[np.uint8] | None = None
     """Of a shield, shape (cells..., command cells): for command cell i one more than the last cell
     up to which commands may act together with those of i; 0: those of i may not act."""
     lasting: NDArray[np.uint8] | None = None
-    """Of a shield `toward sc`, of the same shape: 1 where commands of a cell may act longer."""
+    """Of a shield `toward sc`, same shape: 1 where commands of a command cell may act longer."""
     command: int | None = None
     """The control that moves the group, where the module has a shield."""
     deployed: tuple[NDArray[np.bool_], NDArray[np.bool_]] | None = None
-    """S_0 and S_(m-2) in the DM's table: what is in those of every case. None: no table."""
+    """S_0 and S_(m-2) in the DM's table: estimates in those of every case; None: no table."""
     solver: object | None = None
-    """The group's engine (`verify/grid/sets.py`), for further computation."""
+    """The group's engine (`verify/grid/sets.py`), for further computations."""
 
     @property
     def edges(self) -> tuple[tuple[float, ...], ...]:
@@ -260,7 +260,7 @@ class GroupSets:
 
 @dataclass(eq=False)
 class CaseSets:
-    """The results of all groups under one combination of parameter values."""
+    """The sets of all groups under one combination of parameter values."""
 
     parameter: tuple[int, ...]
     proofs: Sequence[Any]
@@ -274,31 +274,31 @@ class CaseSets:
 
 @dataclass(eq=False, repr=False)
 class ModuleResult:
-    """The findings about a module, and the sets behind them."""
+    """The findings about a module, and the sets on which they rest."""
 
     problem: Problem
     findings: dict[str, Finding]
     cases: list[CaseSets]
     laws: list[CaseSets] = field(default_factory=list)
-    """The sets of the fail-safe law, case by case; empty: it is not proved."""
+    """The sets of the fail-safe law, one for each case; empty: the law is not proved."""
     seconds: float = 0.0
     shares: dict[str, float] = field(default_factory=dict)
     """Shares of the grid's volume, the least over the parameters: `core` (K), `free` (R(H)),
     `lets_ac`, `gives_back` and, where predicates are computed, `estimates` (S_0)."""
     recover_s: float | None = None
-    """The time T within which P2b was proved to give control back, in s."""
+    """The time T in s within which AC has control again, as proved by P2b; None: not proved."""
     vacuity: Vacuity | None = None
-    """The reason why the proof says little, for the headline; None: it does not."""
+    """Why the proof says little, for the headline; None: there is no such reason."""
     at_the_start: str = ""
-    """A line that AC cannot have control at the start; "": it can."""
+    """A line which says that AC cannot have control at the start; "": it can."""
     notes: tuple[str, ...] = ()
-    """Lines about how it was proved that are no assumptions."""
+    """Notes on how the module was proved that are no assumptions."""
     cells_why: str = ""
     """The claim for which smaller cells than declared were chosen; "": none were."""
     levels_why: str = ""
-    """What is not shown with the default number of levels; "": no fewer were chosen."""
+    """What is not shown with the default number of levels; "": not fewer levels were chosen."""
     levels_cost: RemedyCost | None = None
-    """What fewer levels cost; `before` is with the default number."""
+    """The costs of fewer levels; `before` is with the default number."""
     added: tuple[Assumption, ...] = ()
     """The assumptions that the proof makes beyond those of its problem."""
     shown: frozenset[str] = frozenset()
@@ -317,12 +317,12 @@ class ModuleResult:
 
     @property
     def assumptions(self) -> tuple[Assumption, ...]:
-        """All assumptions that the verdicts depend on."""
+        """All assumptions on which the verdicts depend."""
         return assumptions_left(self.problem.assumptions, added=self.added, shown=self.shown)
 
     @property
     def verdict(self) -> str:
-        """The module's verdict: refuted or undecided if some finding is, then proved, assumed."""
+        """The module's verdict: refuted or undecided if a finding is, else proved, or assumed."""
         verdicts = {f.verdict for f in self.findings.values()}
         for verdict in (REFUTED, UNDECIDED):
             if verdict in verdicts:
@@ -331,27 +331,27 @@ class ModuleResult:
 
     @property
     def assumed(self) -> list[str]:
-        """The properties that are assumed, and the plants' scheme if it is, for a headline."""
+        """The properties that are assumed, and the key of SCHEME if it is, for a headline."""
         names = [n for n, f in self.findings.items() if f.verdict == ASSUMED]
         return [*names, *(a.key for a in self.assumptions if a.key == SCHEME.key)]
 
     @property
-    def whilst(self) -> str:
-        """What is said beside its verdict; "" where there is nothing (`tubes/verify.py`)."""
+    def verdict_note(self) -> str:
+        """The note shown beside the verdict (`tubes/verify.py`); "" where there is none."""
         return ""
 
     @cached_property
     def not_rechecked(self) -> str | None:
-        """Why `soter recheck` cannot check it; "": it can; None: not proved, or it is not known."""
+        """Why `soter recheck` cannot check the module; "": it can; None: unproved, or unknown."""
         held = self.verdict in (PROVED, ASSUMED)
         return self.ask_rechecker() if held and self.ask_rechecker is not None else None
 
     @property
     def headline(self) -> str:
-        """The verdict, and that the proof says little or cannot be re-checked, if so."""
+        """The verdict, with a note where the proof says little or cannot be re-checked."""
         if self.verdict not in (PROVED, ASSUMED):
             return self.verdict
-        verdict = self.verdict + self.whilst
+        verdict = self.verdict + self.verdict_note
         verdict += "" if self.vacuity is None else f", but {self.vacuity.text}"
         return f"{verdict}, not re-checked: {self.not_rechecked}" if self.not_rechecked else verdict
 
@@ -368,9 +368,9 @@ class ModuleResult:
 
 @dataclass(frozen=True, eq=False)
 class Try:
-    """One try of a search: the hints, what they gave in words, the CPU seconds that it took.
+    """One try of a search: the hints, the outcome `gave` in words, the CPU seconds it took.
 
-    `untried`: it would take longer than was left; `cpu_s` is an estimate. `cut`: it was ended.
+    `untried`: it would have taken too long; `cpu_s` is an estimate. `cut`: it was cut short.
     """
 
     hints: str
@@ -382,7 +382,7 @@ class Try:
 
 @dataclass(eq=False)
 class ProofSearch:
-    """What was tried of a module; `found` are the best hints, `checked` the program with them."""
+    """The tries for a module; `found`: the best hints, `checked`: the program with them."""
 
     module: str
     own: bool
@@ -392,18 +392,18 @@ class ProofSearch:
     checked: CheckResult | None = None
     result: ModuleResult | None = None
     ended: bool = False
-    """Whether its budget was spent."""
+    """Whether the budget of the search was used up."""
     refused: Diagnostic | None = None
-    """Why no model of it could be made, whatever its hints are; None: one could."""
+    """Why no model of the module can be made with any hints; None: one can."""
     proved: bool = False
-    """Whether the module is proved with what was found, and its AC may get control.
+    """Whether the module is proved with `found`, and its AC may get control.
 
-    Where its own hints prove P2a others are taken only if AC surely gets it.
+    Where hints in the program prove P2a, AC has to get control for certain.
     """
 
     @property
     def cells_in_vain(self) -> bool:
-        """Whether a grid was tried to its end, and nothing that was tried proves the module."""
+        """Whether a grid was tried to the end, and no hints that were tried prove the module."""
         ended = (t.hints for t in self.tries if not (t.untried or t.cut))
         return not self.proved and any("grid " in hints for hints in ended)
 
@@ -416,7 +416,7 @@ class ProofSearch:
 
 @dataclass(eq=False, repr=False)
 class VerifyReport:
-    """What `Program.verify` returns: a result for each module, and the hash of the program."""
+    """The report that `Program.verify` returns: a result per module, and the program's hash."""
 
     path: str
     program_sha256: str
@@ -426,15 +426,15 @@ class VerifyReport:
     command: str = ""
     """The command line that verifies the same again."""
     coverage: VerificationScope = field(default_factory=VerificationScope)
-    """What else the report covers beside these modules, and what it does not."""
+    """What the report covers beside these modules, and what it does not cover."""
     contents: Mapping[Path, str] = field(default_factory=dict, repr=False)
     """SHA-256 of every file that the program was made of, as it was read, by path."""
     places: Mapping[str, Span] = field(default_factory=dict, repr=False, compare=False)
-    """Where each module stands in the files that were read, which lack what was found."""
+    """The place of each module in the files that were read, which lack hints that were found."""
     searches: tuple[ProofSearch, ...] = ()
-    """For each module of which hints were looked for what was tried and found."""
+    """The searches for hints, one for each module for which hints were searched."""
     page: Callable[[VerifyReport], str] | None = field(default=None, repr=False, compare=False)
-    """The function that makes the page of `--report` as one HTML text, for notebooks."""
+    """The function that makes the page of `--report` as an HTML text, for notebooks."""
 
     @property
     def verdict(self) -> str:
@@ -470,14 +470,14 @@ class VerifyReport:
         return table if self.page is None else table + framed_document(self.page(self))
 
     @property
-    def said(self) -> dict[str, str]:
-        """The text of the `safe` that each module keeps, by the module's name."""
+    def safe_text_by_module(self) -> dict[str, str]:
+        """The text of the predicate `safe` that each module keeps, by the module's name."""
         safe_by_module = {}
         for m in self.modules:
             name = m.name.removesuffix(f" as {m.problem.view}")
             views = m.problem.whole  # the module as it flies, beside the plants of a view
             module = m.problem.module if views is None else views.modules[0]
-            safe_by_module[name] = " ".join(module.symbol.safe.span.text.split()) + m.whilst
+            safe_by_module[name] = " ".join(module.symbol.safe.span.text.split()) + m.verdict_note
         return safe_by_module
 
     @property

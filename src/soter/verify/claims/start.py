@@ -1,15 +1,15 @@
-"""The start of SC: whether it gets control with the state in R(h), and its steps on defaults.
+"""The claim `start`: SC gets control while the state is in R(h), its steps on defaults go well.
 
 K, the core: states from which SC keeps `safe` for ever. R(t): states from which no command of U,
 the declared sets of what drives plants, leads out of K within t. h_0: the time by which an output
 of SC has acted, counted from the start. H, the look-ahead: how long a state may move on before
 SC's first output acts, once control is given back (both: `verify/problem/schedule.py`).
 
-Purpose: the claim `start`, in two parts. *Control*: `check_start` checks that initial states lie in
-R(h_0). `why_not_entered` checks the set part of a hand-over (docs/proof-sets.md): where `enters`
-holds of an estimate the state lies in R(H), on cells and outside the grid. *Defaults*:
-`fault_on_defaults` runs SC's steps before all that it reads shows a state. Their outputs are in U,
-so R(h_0) covers them; but a step that faults latches SC, and then it never publishes again.
+Purpose: the claim has two parts. *Control*: `check_start` checks that initial states lie in R(h_0).
+`why_not_entered` checks the set part of a hand-over (docs/proof-sets.md): where `enters` holds at
+an estimate, the state lies in R(H), on cells and outside the grid. *Defaults*: `fault_on_defaults`
+runs the steps of SC before all that it reads shows a state. Their outputs are in U, so R(h_0)
+covers them; but after a step that faults SC never publishes again.
 Non-goals: that a node changes a view in no other step (`induction/handover.py`).
 """
 
@@ -39,9 +39,9 @@ if TYPE_CHECKING:
 
 
 STEPS_MAX = 10_000
-"""The most steps of SC on defaults that are run; with more of them nothing is shown."""
+"""The most steps of SC on defaults that are run; if there are more, nothing is shown."""
 ENTERS = "enters"
-"""The name of that predicate in the compiled enclosures."""
+"""The name of the predicate `enters` in the compiled enclosures."""
 MAY_HOLD = 2
 """The bit of `CompiledEnclosures.truth` for a predicate that may be true somewhere in a box."""
 
@@ -54,23 +54,23 @@ WHY_NOT_HERE = (
         FURTHER,
     ),
 )
-"""Text and advice where an initial state is not in C, in C but not in K, in K but not in R(h_0)."""
+"""Text and advice where an initial state is not in C; in C, not in K; in K, not in R(h_0)."""
 BEYOND = "the grid does not hold every initial state: {}"
 
 
 def check_start(case: Case) -> None:
-    """Checks that the initial states lie in R(h_0); by h_0 an output of SC has acted."""
+    """Checks that the initial states lie in R(h_0), and that SC does not fault on defaults."""
     if not case.problem.may_start_with(case.parameter):
         return
     _check_defaults(case)
     until_ns = case.problem.whole_periods(case.problem.times.start)
     for proof in case.proofs:
-        at = proof.at_start(case)
+        at = proof.index_of_start_cells(case)
         if at is None:
             starts = ", ".join(_start_in_words(case, a) for a in proof.group.axes)
             case.fail("start", BEYOND.format(starts), proof, "a wider grid, or another start")
             continue
-        wrong_by_reason = zip(WHY_NOT_HERE, proof.wrong_at_start(at, until_ns), strict=True)
+        wrong_by_reason = zip(WHY_NOT_HERE, proof.unshown_start_cells(at, until_ns), strict=True)
         for (text, hint), wrong in wrong_by_reason:
             if wrong.any():
                 case.fail("start", text.format(show_ns(until_ns)), proof, hint).cells = wrong
@@ -83,11 +83,11 @@ def _start_in_words(case: Case, axis: Axis) -> str:
 
 
 def why_not_entered(case: Case) -> str:
-    """Why `enters` is not shown to imply that the state lies in R(H), in words; "": it is shown."""
+    """Why `enters` is not shown to imply that the state lies in R(H), in words; "": it is."""
     problem, library = case.problem, case.forms.library
     if library.symbol(ENTERS) == library.ffi.NULL:
         return "what it says cannot be enclosed"
-    if case.failures_of("P2a"):  # else R(H) is there, whatever else is not shown
+    if case.failures_of("P2a"):  # otherwise R(H) is known, whatever else is not shown
         return "there is no R(H)"
     if {a.state for p in case.proofs for a in p.group.axes} != set(range(len(problem.states))):
         return "not every state is on an axis"
@@ -102,7 +102,7 @@ def why_not_entered(case: Case) -> str:
 
 
 def _boxes_outside_grid(case: Case, reach: Floats) -> Iterator[tuple[str, Floats]]:
-    """Boxes of all inputs, (inputs, 2), that cover the states outside the grid, with a text each.
+    """Boxes of all inputs, (inputs, 2), that cover the states outside the grid, each with a text.
 
     `reach`: the range of each state, of shape (states, 2).
     """
@@ -122,7 +122,7 @@ def _boxes_outside_grid(case: Case, reach: Floats) -> Iterator[tuple[str, Floats
 def ranges_of_entry(problem: Problem) -> list[tuple[float, float] | None]:
     """The range of each state where `enters` is judged, by the sets of the topics that it reads.
 
-    None in the place of a range where no such topic shows the state.
+    A range is None where no such topic shows the state.
     """
     scope = problem.module.scope.topics
     read = {scope[t] for t in topic_reads(problem.module.symbol.verify.enters) if t in scope}
@@ -138,7 +138,7 @@ def ranges_of_entry(problem: Problem) -> list[tuple[float, float] | None]:
 
 
 def _measurement_error(problem: Problem, topic: int, leaf: int) -> float:
-    """The largest error of what is published on a leaf of a topic."""
+    """The largest measurement error of a leaf of a topic."""
     path = list(leaves(problem.system.topics[topic].type))[leaf][0]
     return sum(
         max(-range_.low, range_.high)
@@ -170,10 +170,10 @@ def fault_on_defaults(problem: Problem) -> str:
     topics = {component.scope.topics[t] for t in topics_read_in_step(component.node)} - {*modes}
     if steps > STEPS_MAX:
         return "SC reads defaults for too long to try them all"
-    if not _published_together(problem, {system.topics[t].name for t in topics}):
+    if not _are_published_together(problem, {system.topics[t].name for t in topics}):
         return "SC may read the default of one topic beside a value of another"
     read_by_dm = {p.topic for p in schedule.read_by_dm}
-    if component.node.locals or component.node.takeover is not None:  # it keeps something
+    if component.node.locals or component.node.takeover is not None:  # SC has variables
         if modes:
             return "SC steps on defaults in any mode of others, with what it keeps: not followed"
         if any(p.topic not in read_by_dm for p in schedule.read_by_sc):
@@ -181,8 +181,8 @@ def fault_on_defaults(problem: Problem) -> str:
     return _first_fault(system, component, steps, modes)
 
 
-def _published_together(problem: Problem, topics: set[str]) -> bool:
-    """Whether SC reads at any time the defaults of all these topics, or of none."""
+def _are_published_together(problem: Problem, topics: set[str]) -> bool:
+    """Whether SC at any time reads the defaults of all these topics, or of none of them."""
     schedule, paths = problem.times.schedule, problem.times.schedule.read_by_sc
     at_once = len({p.publisher for p in paths}) == 1
     if not any(p.nodes for p in paths) and not schedule.dropout:
@@ -192,28 +192,28 @@ def _published_together(problem: Problem, topics: set[str]) -> bool:
 
 
 def _without_plants(problem: Problem) -> tuple[System, int]:
-    """The module's system without plants, so that nobody publishes what SC reads."""
+    """The module's system without plants, in which nothing publishes what SC reads; SC's index."""
     system = derived_systems.module_alone(problem.system, problem.module)
     system = derived_systems.with_module(system, replace(system.modules[0], shield=None))
     return derived_systems.with_forced_mode(system, 0, "sc"), system.modules[0].sc
 
 
 def _first_fault(system: System, sc: Component, steps: int, modes: Sequence[int]) -> str:
-    """The first fault in SC's first steps, in words; "": none."""
+    """The first fault in the first steps of SC, in words; "" where there is none."""
     dummies = {c.name: _no_outputs for c in system.components if c.extern}
     interpreter = Interpreter(system, 0, dummies)
     c = interpreter.initial()
     for k in range(steps):
         at = sc.phase_ns + k * sc.period_ns
-        for seen in _in_every_mode(replace(c, ct=at, FN=(sc.index,)), modes):
+        for seen in _copies_in_every_mode(replace(c, ct=at, FN=(sc.index,)), modes):
             c, outcome = ac_or_sc_step(interpreter.machine, seen, sc.index)
             if outcome.fault is not None:
                 return f"SC faults on the defaults that it reads at first: {outcome.fault}"
     return ""
 
 
-def _in_every_mode(c: Configuration, modes: Sequence[int]) -> Iterator[Configuration]:
-    """The configuration, once for every combination of other modules' modes."""
+def _copies_in_every_mode(c: Configuration, modes: Sequence[int]) -> Iterator[Configuration]:
+    """Copies of the configuration, one for each combination of other modules' modes."""
     for combination in product((SC, AC), repeat=len(modes)):
         by = dict(zip(modes, combination, strict=True))
         yield replace(c, Topics=tuple(by.get(i, value) for i, value in enumerate(c.Topics)))

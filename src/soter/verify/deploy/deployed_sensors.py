@@ -1,10 +1,10 @@
-"""Whether the sensors of a deployed system give a module what the plants of its proof gave it.
+"""Checks that the sensors of a deployed system are as good as the plants of its proof.
 
 Purpose: for every topic that a plant of the proof drove and DM or SC reads, `check_sensors`
 compares the error, the age and (for plants that move in steps) the step that the deployed system
-declares. For several sensors that speak one by one, `topics_apart` checks that their values
-can count as one state: it bounds how far each moves in a time, by the plant's own equations, and
-finds pairs of topics that are too far apart in time for the errors that the proof allows.
+declares. For several sensors that publish one by one, `skewed_topics` checks that their values can
+count as one state. It bounds by the plant's equations how far each value moves in a time, and finds
+the pairs of topics that are too far apart in time for the errors that the proof allows.
 Non-goals: which proofs are carried (`proof_transfer.py`).
 
 Why it suffices (docs/deploy.md, "Several sensors"). A read takes topic i as it was at s_i, with
@@ -35,7 +35,7 @@ from itertools import combinations
 from math import inf, isfinite
 from typing import TYPE_CHECKING
 
-from soter.language.elaborate.wellformed import from_outside
+from soter.language.elaborate.wellformed import topics_from_outside
 from soter.language.model.types import FloatType, leaf_name, leaves, show_ns
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
 from soter.verify.problem.extract import parameter_cases
@@ -55,8 +55,7 @@ NS = 10**9
 class SensedTopic:
     """A topic in the deployed system: at most `age` ns old, its k-th leaf off by `errors[k]`.
 
-    `allowed[k]` is the error that the proof allows. `errors[k]` is None for a leaf that is no
-    float.
+    `allowed[k]` is the error that the proof allows; `errors[k]` is None if the leaf is no float.
     """
 
     topic: Topic
@@ -75,7 +74,7 @@ class TopicSkew:
     covered: int
 
 
-def topics_apart(problem: Problem, heard: Sequence[SensedTopic]) -> list[TopicSkew]:
+def skewed_topics(problem: Problem, heard: Sequence[SensedTopic]) -> list[TopicSkew]:
     """The pairs of topics that may be further apart in time than the allowed errors cover.
 
     `SoterError` R007, X004, X006 as of `library_of`.
@@ -103,13 +102,13 @@ def _skewed_pairs(
 
 
 def greatest_rates_of(problem: Problem) -> list[float]:
-    """The greatest rate of each state of a flow within its ranges, per second; inf: unknown."""
+    """The greatest rate of each state of a flow within its ranges, per s; inf if not known."""
     assert problem.kind == "flow"
     library, _ = library_of(problem)
     rates = [0.0 for _ in problem.states]
     for parameter in parameter_cases(problem):
         forms = CompiledEnclosures(library, problem, parameter)
-        bounds = forms.numbers("derivative", forms.whole, len(problem.states))
+        bounds = forms.result_bounds("derivative", forms.whole, len(problem.states))
         for k in range(len(rates)):
             most = inf if bounds is None else float(abs(bounds[k]).max())
             rates[k] = max(rates[k], most) if isfinite(most) else inf
@@ -119,9 +118,9 @@ def greatest_rates_of(problem: Problem) -> list[float]:
 def _slack_of_topic(
     problem: Problem, heard: SensedTopic, rates: Sequence[float]
 ) -> Fraction | float:
-    """Sigma: for how many ns the topic stays within the allowed error; inf: for ever.
+    """Sigma: the time in ns for which a topic stays within the allowed error; inf: for ever.
 
-    0 where a leaf is no float or no state: how fast that moves is not known.
+    It is 0 where a leaf is no float or no state, whose rate is not known.
     """
     slack: Fraction | float = inf
     index = next(t.index for t in problem.system.topics if t.name == heard.topic.name)
@@ -143,21 +142,23 @@ NO_ERROR = 0.0
 
 
 class Sensors:
-    """The topics of plants that DM and SC read in the proved system, and their sensors here."""
+    """The topics of plants that DM and SC read in the proof, with their sensors as deployed."""
 
-    def __init__(self, here: System, there: System, problem: Problem) -> None:
-        """`problem`: of a module of `there`, beside the plants that are there."""
-        self.here = here
-        self.there = there
+    def __init__(self, deployed: System, proof_system: System, problem: Problem) -> None:
+        """Finds topics, plants and sensors; `problem`: that of a module of `proof_system`."""
+        self.deployed = deployed
+        self.proof_system = proof_system
         self.module = problem.module.name
-        self.external_by_name = {here.topics[e.topic].name: e for e in from_outside(here)}
+        self.external_by_name = {
+            deployed.topics[e.topic].name: e for e in topics_from_outside(deployed)
+        }
         self.plants: dict[int, Component] = {}
-        for c in there.components:
+        for c in proof_system.components:
             for topic, _ in c.plant.drives if c.plant is not None else ():
                 self.plants[c.scope.topics[topic]] = c
         schedule = problem.times.schedule
         read = {p.topic for p in (*schedule.read_by_dm, *schedule.read_by_sc)}
-        self.topics = [t for t in there.topics if t.name in read]
+        self.topics = [t for t in proof_system.topics if t.name in read]
         assert {t.index for t in self.topics} <= self.plants.keys()
         assert len(self.topics) == len(read)
 
@@ -171,10 +172,10 @@ class Sensors:
 
 
 def check_sensors(
-    here: System, there: System, problem: Problem, diagnostics: Diagnostics
+    deployed: System, proof_system: System, problem: Problem, diagnostics: Diagnostics
 ) -> tuple[list[str], list[str]]:
-    """Sentences on what the sensors cover, and on what is assumed of them; D019 otherwise."""
-    s = Sensors(here, there, problem)
+    """Checks the sensors (D019); returns sentences on what they cover, and on assumptions."""
+    s = Sensors(deployed, proof_system, problem)
     before = len(diagnostics.items)
     stepped = problem.kind == "map"
     for topic in s.topics:
@@ -187,7 +188,7 @@ def check_sensors(
     if len(diagnostics.items) > before:
         return [], []
     if not stepped:
-        for apart in topics_apart(problem, [_sensed_topic(s, t, problem) for t in s.topics]):
+        for apart in skewed_topics(problem, [_sensed_topic(s, t, problem) for t in s.topics]):
             _report_skew(s, apart, problem, diagnostics)
     if len(diagnostics.items) > before:
         return [], []
@@ -206,13 +207,13 @@ def _check_errors(s: Sensors, topic: Topic, e: External, diagnostics: Diagnostic
         if not isinstance(t, FloatType):
             continue
         name = leaf_name(topic.name, path)
-        own = e.errors[k]
-        if own is not None and own <= allowed:
+        declared = e.errors[k]
+        if declared is not None and declared <= allowed:
             continue
-        text = f"within {own!r}" if own is not None else "nothing says how exact it is"
+        text = f"within {declared!r}" if declared is not None else "nothing says how exact it is"
         diagnostics.error(
             "D019",
-            f"the error of `{name}` is not covered by the proof in `{s.there.name}`",
+            f"the error of `{name}` is not covered by the proof in `{s.proof_system.name}`",
             e.span,
             text,
             notes=(f"there its plant is `measured ... within {allowed!r}`",),
@@ -223,7 +224,7 @@ def _check_errors(s: Sensors, topic: Topic, e: External, diagnostics: Diagnostic
 def _check_age(
     s: Sensors, topic: Topic, e: External, problem: Problem, diagnostics: Diagnostics
 ) -> None:
-    """Reports D019 where a topic comes so seldom or late that SC might read older values."""
+    """Reports D019 where a topic comes so seldom or late that SC may read too old a value."""
     if e.every_ns is None:
         diagnostics.error(
             "D019",
@@ -241,7 +242,7 @@ def _check_age(
     word = "max_age" if allowed == topic.max_age_ns else "age"
     notes = [
         f"every {show_ns(e.every_ns)}, {delay} on its way, and SC starts up to {starts} late",
-        f"the proof in `{s.there.name}` is about {show_ns(allowed)} (`{word}`)",
+        f"the proof in `{s.proof_system.name}` is about {show_ns(allowed)} (`{word}`)",
     ]
     if problem.times.schedule.dropout:
         notes.append("`dropout` is for silences, not for what is always so")
@@ -255,7 +256,7 @@ def _check_age(
 
 
 def _greatest_proved_age(topic: Topic, problem: Problem) -> int:
-    """How old SC reads a topic at most in the proof, in ns; `max_age` where SC does not read it."""
+    """The greatest age in ns at which SC reads a topic in the proof; `max_age` if SC does not."""
     read = (p.max_age for p in problem.times.schedule.read_by_sc if p.topic == topic.name)
     return next(read, topic.max_age_ns) or 0
 
@@ -316,8 +317,8 @@ def _report_skew(s: Sensors, pair: TopicSkew, problem: Problem, diagnostics: Dia
 def _cover_in_words(s: Sensors, topic: Topic, problem: Problem) -> str:
     e = s.external_by_name[topic.name]
     exact = [
-        f"{'.'.join(path) or topic.name} within {own!r} of {allowed!r}"
-        for (path, t), own, allowed in zip(
+        f"{'.'.join(path) or topic.name} within {declared!r} of {allowed!r}"
+        for (path, t), declared, allowed in zip(
             leaves(topic.type), e.errors, s.allowed_errors_of(topic), strict=True
         )
         if isinstance(t, FloatType)
@@ -336,7 +337,9 @@ def _cover_in_words(s: Sensors, topic: Topic, problem: Problem) -> str:
 
 
 def _sensor_assumptions(s: Sensors, *, stepped: bool) -> list[str]:
-    assumptions = [f"what moves starts where the plants of {s.there.name} do"] * bool(s.topics)
+    assumptions = [f"what moves starts where the plants of {s.proof_system.name} do"] * bool(
+        s.topics
+    )
     for topic in s.topics:
         assumptions.append(
             f"{topic.name} is published before the first step (SOTER_UNHEARD tells), and shows "

@@ -1,14 +1,14 @@
-"""The check that comes with a generated decision module.
+"""Checks the generated C of decision modules.
 
-Purpose: the emitted C of every DM against the switching logic of the paper's Figure:
+Purpose: `check_decisions` compares the C of every DM with the switching logic of the paper:
 - its switch, on every mode and every truth value of the facts: exhaustively;
-- its latch, where it has one, in all that it may remember, with presses of every age;
+- its latch, where it has one, with every memory that it may have, and presses of every age;
 - its facts and its answer, on states of every class of input: NaN, infinities, the ends of the
   range and just beyond, breakpoints of a table, in between; fresh, at `max_age`, stale, never
   published, of different instants; with and without a gate fault and clean outputs owed; in both
   modes.
-The expected answers are written down here anew, from docs/semantics.md; the truth of predicates is
-the reference interpreter's, and one that faults is unknown, which counts as unsafe.
+The expected answers are written here anew from docs/semantics.md. The reference interpreter gives
+the truth of predicates; a predicate that faults is unknown, which counts as unsafe.
 Non-goals: whether the predicates are right (`verify_module.py`); the kernel, which calls the DM.
 """
 
@@ -28,7 +28,7 @@ from soter.core.layout import MODULE, placed_leaves, state_dtype
 from soter.core.steps import lower
 from soter.language.elaborate import derived_systems
 from soter.language.elaborate.passes.memory_topics import NEVER_HELD
-from soter.language.model.read_together import apart_at_most
+from soter.language.model.read_together import allowed_stamp_differences
 from soter.language.model.tree_walk import nodes, topic_reads
 from soter.language.model.typed import AgeRead
 from soter.language.model.types import leaves
@@ -68,10 +68,10 @@ if TYPE_CHECKING:
 
 NEVER = -(2**62)
 WHOLE = 24
-"""For this many values every age is tried with every state of the gate; for others `SOME` pairs."""
+"""For so many values each age is tried with each state of the gate; for others `SOME` pairs."""
 SOME = 5
 LATCHES = 2
-"""For this many values of each (ttf, safer) every state of the latch is tried."""
+"""For so many values with each pair (ttf, safer) every state of the latch is tried."""
 ASKED_NS = tuple(10**k for k in range(6, 11))
 """The ages that are tried for topics whose age a predicate reads: 1 ms to 10 s."""
 FAILURES_MAX = 10
@@ -79,10 +79,10 @@ FAILURES_MAX = 10
 
 @dataclass(eq=False)
 class DMCheck:
-    """What was tried on a DM, and where the C differed; `verdict` is proved or refuted.
+    """The result of the check of one DM, with each difference in `failures`.
 
-    `facts`: how many combinations of facts (all); `states`: how many states of the classes of
-    input; `cells`: how many cells of tables (all).
+    `facts`: the number of combinations of facts tried (all). `states`: the number of states of the
+    classes of input. `cells`: the number of cells of tables (all).
     """
 
     module: str
@@ -97,8 +97,8 @@ class DMCheck:
         return "refuted" if self.failures else "proved"
 
     @property
-    def text(self) -> str:
-        """A sentence on what was tried, or on the first difference."""
+    def summary(self) -> str:
+        """A sentence on the number of trials, or on the first difference."""
         if self.failures:
             return f"the C of the DM differs from the switching logic: {self.failures[0]}"
         return (
@@ -108,7 +108,7 @@ class DMCheck:
         )
 
     def add_failure(self, text: str) -> None:
-        """Enters a difference."""
+        """Adds the text of a difference, up to `FAILURES_MAX` of them."""
         if len(self.failures) < FAILURES_MAX:
             self.failures.append(text)
 
@@ -116,7 +116,7 @@ class DMCheck:
 def expected_mode(
     mode: int, *, stale: bool, ttf: bool, safer: bool, gate_fault: bool, clean: bool
 ) -> int:
-    """The mode after a DM step (docs/semantics.md): for any doubt SC has control."""
+    """The mode after a DM step (docs/semantics.md); in any doubt SC has control."""
     if mode == AC:
         return SC if ttf or stale or gate_fault else AC
     return AC if safer and not stale and clean else SC
@@ -134,8 +134,7 @@ def check_decisions(
 
     `level_tables`: the tables of computed predicates (of one module), of which every cell is tried;
     `leaves_of`: the (topic, leaf) that shows each state; `change` edits the C first (for tests);
-    `acted_ns`: W, how long a command that a shield's module replaced still counts; None: not at
-    all.
+    `acted_ns`: W, the time for which a replaced command of a shield still counts; None: none does.
     """
     at = leaves_of or {}
     points = {at[s]: e for t in level_tables for s, e in zip(t.states, t.ends, strict=True)}
@@ -172,7 +171,7 @@ def check_problem(problem: Problem, level_tables: Sequence[LevelTable]) -> DMChe
     for function in core.functions:
         function.source = None  # predicates call no extern functions (R003)
     leaves_of = problem.topic_leaf_of_state
-    acted_ns = None if problem.kind == "map" else problem.times.acted
+    acted_ns = None if problem.kind == "map" else problem.times.replaced_window
     return check_decisions(system, core, level_tables, leaves_of, acted_ns=acted_ns)[0]
 
 
@@ -226,11 +225,11 @@ class CompiledDM:
         layout = self.unit.layout
         fields = state_dtype(layout)["modules"].base.fields
         assert fields is not None
-        own = layout.module_offset + module.index * MODULE.size
-        return {name: own + int(where[1]) for name, where in fields.items()}
+        begin = layout.module_offset + module.index * MODULE.size
+        return {name: begin + int(where[1]) for name, where in fields.items()}
 
     def decide_when_fresh(self, module: Module, state: bytearray) -> int:
-        """The DM's answer where AC has control and all of a state was published just now."""
+        """The DM's answer where AC has control and every topic was published just now."""
         struct.pack_into("<q", state, 0, NOW_NS)
         for i in range(self.unit.layout.topics):
             struct.pack_into("<q", state, self.unit.layout.stamp_offset + 8 * i, NOW_NS)
@@ -276,8 +275,8 @@ class _Inputs:
         self.limits = [
             (i, a) for i in module.inputs if (a := system.topics[i].max_age_ns) is not None
         ]
-        self.together = apart_at_most(system, module.inputs)
-        self.latch = LatchBytes.of(system, layout, module)
+        self.together = allowed_stamp_differences(system, module.inputs)
+        self.latch = LatchBytes.of_module(system, layout, module)
         self.tried = Counter[tuple[bool, bool]]()  # (ttf, safer) with which all latches were
         symbol, scope = module.symbol, module.scope.topics
         asked = [n.topic for n in nodes([symbol.ttf, symbol.safer]) if isinstance(n, AgeRead)]
@@ -307,14 +306,11 @@ class _Inputs:
 
     def _fresh_state(
         self,
-        own: LevelTable,
+        table: LevelTable,
         others: Sequence[LevelTable],
         leaves_of: Mapping[int, tuple[int, int]],
     ) -> tuple[bytearray, NDArray[np.uintp]] | None:
-        """A state with fresh topics and other groups inside S_(m-2); offsets of `own`'s states.
-
-        None where S_(m-2) of another group is empty.
-        """
+        """A state, fresh and with `others` in S_(m-2), and offsets of `table`'s states; or None."""
         layout, topics = self.c.unit.layout, self.system.topics
         state = ExpectedFacts(self.system, self.module).state_bytes(
             self.c.unit, tuple(t.default for t in topics)
@@ -330,10 +326,10 @@ class _Inputs:
         for other in others:
             full = other.point_inside
             if full is None:
-                return None  # then safer is false everywhere: nothing to tell apart
+                return None  # then safer is false everywhere, and no cell can be told from another
             for s, value in zip(other.states, full, strict=True):
                 struct.pack_into("<d", state, offset(s), value)
-        return state, np.array([offset(s) for s in own.states], dtype=np.uintp)
+        return state, np.array([offset(s) for s in table.states], dtype=np.uintp)
 
     def try_level_table(
         self,
@@ -361,7 +357,7 @@ class _Inputs:
     def _try_samples(
         self, state: bytearray, at: NDArray[np.uintp], samples: EstimateSamples
     ) -> None:
-        """Compares the levels of samples with those of the C; `state` has the other topics."""
+        """Compares the levels of samples with those of the C, with other topics as in `state`."""
         points, levels = samples.points, samples.levels
         facts = (self.at["ttf"], self.at["safer"])
         got = self.c.levels_of_points(self.module.index, state, facts, at, points)
@@ -371,10 +367,10 @@ class _Inputs:
             self.check.add_failure(f"at {where} its level is {got[k]}, not {levels[k]}")
 
     def _acting_commands(self, table: LevelTable, acted_ns: int | None) -> Iterator[ActingCommands]:
-        """All pairs of a cell of the command that is held and one of a command that may still act.
+        """Each pair of a cell of the held command and a cell of a command that may still act.
 
-        Each has the offset and value of either, and the samples at which the pair is permitted.
-        With `acted_ns` None only the held command acts.
+        A pair has offset and value of both, and the samples at which both are permitted. With
+        `acted_ns` None only the held command acts.
         """
         shield = self.module.shield
         if shield is None or not isinstance(table, GroupTable) or table.commands is None:

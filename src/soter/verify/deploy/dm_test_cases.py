@@ -1,11 +1,11 @@
-"""The test cases for the check of a decision module, and the answers that are expected of it.
+"""Makes the test cases for the check of a decision module, and the expected answers.
 
 Purpose: `topic_values` gives values of the topics that a DM reads, every class at least once: NaN,
 infinities, huge numbers, zeros of both signs, the ends of each range and breakpoints with their
 neighbours, all members of enums, and random points; `gate_states` gives every state of the gate.
-`ExpectedFacts` evaluates `ttf` and `safer` in the reference interpreter. `LatchBytes` knows where a
-latch lies in a state, all that it may remember, and what a look must make of that (written anew
-from docs/semantics.md, The latch).
+`ExpectedFacts` evaluates `ttf` and `safer` in the reference interpreter. `LatchBytes` has the place
+of a latch in a state, every memory that it may have, and the expected memory after each look
+(written anew from docs/semantics.md, The latch).
 Non-goals: trying any of it (`dm_check.py`).
 """
 
@@ -97,7 +97,7 @@ def topic_values(
         for k, (kind, bound) in enumerate(zip(kinds, topic.bounds, strict=True)):
             flat.append(_TriedLeaf(kind, bound, points.get((index, k), ())))
 
-    def built(chosen: list[Value]) -> tuple[Value, ...]:
+    def values_from_leaves(chosen: list[Value]) -> tuple[Value, ...]:
         it = iter(chosen)
         return tuple(_value_from_leaves(system.topics[i].type, it) for i in read)
 
@@ -105,9 +105,9 @@ def topic_values(
         for value in leaf.values_of_each_class():
             drawn = [x.random_value(chance) for x in flat]
             drawn[at] = value
-            yield built(drawn)
+            yield values_from_leaves(drawn)
     for _ in range(RANDOM_POINTS if flat else 1):
-        yield built([x.random_value(chance) for x in flat])
+        yield values_from_leaves([x.random_value(chance) for x in flat])
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ class _TriedLeaf:
     points: Sequence[float] = ()
 
     def values_of_each_class(self) -> Iterator[Value]:
-        """Values of every class of input: special, at the ends and points, and beside these."""
+        """Values of every class: special ones, ends and points, and the neighbours of these."""
         if isinstance(self.type, FloatType):
             yield from SPECIAL
             ends = () if self.bound is None else (self.bound.low, self.bound.high)
@@ -155,7 +155,7 @@ class _TriedLeaf:
 
 
 def _value_from_leaves(t: Type, values: Iterator[Value]) -> Value:
-    """A value of type `t`, built from the next of its leaves in order."""
+    """A value of type `t`, built from the next leaves in order."""
     if isinstance(t, RecordType):
         return tuple(_value_from_leaves(f, values) for _, f in t.fields)
     if isinstance(t, ArrayType):
@@ -169,16 +169,16 @@ NOW_NS = 10**15
 
 
 class ExpectedFacts:
-    """Evaluates a module's predicates in the reference interpreter."""
+    """Evaluates the predicates of a module in the reference interpreter."""
 
     def __init__(self, system: System, module: Module) -> None:
         self.system = system
-        evaluator = PredicateEvaluator.of(module.scope, {})
+        evaluator = PredicateEvaluator.for_scope(module.scope, {})
         symbol = module.symbol
-        evaluator.looked_at = maybe_nan(system, module)  # topics are NaN here, which none ever is
-        self._ttf = None if symbol.ttf is None else evaluator.expression(symbol.ttf)
-        self._safer = None if symbol.safer is None else evaluator.expression(symbol.safer)
-        self._safe = evaluator.expression(symbol.safe)
+        evaluator.nan_checks = maybe_nan(system, module)  # topics are NaN here, which none ever is
+        self._ttf = None if symbol.ttf is None else evaluator.compiled(symbol.ttf)
+        self._safer = None if symbol.safer is None else evaluator.compiled(symbol.safer)
+        self._safe = evaluator.compiled(symbol.safe)
         self.period_ns = module.period_ns
         self.reads_ages = any(isinstance(n, AgeRead) for n in nodes([symbol.ttf, symbol.safer]))
         self._image = bytearray()
@@ -187,9 +187,9 @@ class ExpectedFacts:
     def expected_ttf_and_safer(
         self, topics: tuple[Value, ...], ages: Mapping[int, int]
     ) -> tuple[bool, bool]:
-        """What the DM should find: (ttf, safer). A fault counts as unsafe.
+        """The truths (ttf, safer) that the DM has to find; a fault counts as unsafe.
 
-        `ages`: of topics not published now, in ns.
+        `ages`: the ages, in ns, of topics that were not published just now.
         """
         env = self._environment(topics, ages)
         return self._truth_or_fault(self._ttf, env, fault=True), self._truth_or_fault(
@@ -212,7 +212,7 @@ class ExpectedFacts:
         )
 
     def _truth_or_fault(self, predicate: Compiled | None, env: Environment, *, fault: bool) -> bool:
-        """The truth of a predicate; `fault` where it faults, or where there is none."""
+        """The truth of a predicate; `fault` where the predicate faults, or is None."""
         try:
             return fault if predicate is None else bool(predicate(env))
         except StepFault:
@@ -221,13 +221,13 @@ class ExpectedFacts:
     def state_bytes(self, unit: Unit, topics: tuple[Value, ...]) -> bytearray:
         """The bytes of a state that holds these values of topics."""
         defaults = [t.default for t in self.system.topics]
-        self._image = self._image or _with_topics(bytearray(unit.layout.size), unit, defaults)
+        self._image = self._image or _state_with_topics(bytearray(unit.layout.size), unit, defaults)
         new = (None if v is d else v for v, d in zip(topics, defaults, strict=True))
-        return _with_topics(bytearray(self._image), unit, tuple(new))
+        return _state_with_topics(bytearray(self._image), unit, tuple(new))
 
 
-def _with_topics(out: bytearray, unit: Unit, topics: Sequence[Value | None]) -> bytearray:
-    """The state `out` with these topics changed; None leaves one as it was."""
+def _state_with_topics(out: bytearray, unit: Unit, topics: Sequence[Value | None]) -> bytearray:
+    """The state `out`, in which each topic gets its value; None leaves a topic as it was."""
     for at, m in (
         (g.offset, m) for g in unit.layout.groups if g.owner < 0 for m in g.struct.members
     ):
@@ -240,11 +240,11 @@ def _with_topics(out: bytearray, unit: Unit, topics: Sequence[Value | None]) -> 
 NEVER = -(2**62)
 WAITS, READY, ACKNOWLEDGED = range(3)
 Held = tuple[int, int]
-"""What a latch remembers: the value and the stamp of the topic that holds it."""
+"""The memory of a latch: the value and the stamp of the topic that holds it."""
 
 
 class Seen(NamedTuple):
-    """What a DM's look finds: its memory, the button, and when that was published, in ns."""
+    """The inputs of a DM's look: its memory, the button, and the button's stamp in ns."""
 
     held: Held
     pressed: bool = False
@@ -253,7 +253,7 @@ class Seen(NamedTuple):
 
 @dataclass(frozen=True)
 class LatchBytes:
-    """A module's latch in a state, by offsets in bytes; `button` None: `returns never`."""
+    """The offsets in bytes of a module's latch in a state; `button` is None for `returns never`."""
 
     value: int
     since: int
@@ -262,7 +262,7 @@ class LatchBytes:
     max_age: int
 
     @classmethod
-    def of(cls, system: System, layout: StateLayout, module: Module) -> LatchBytes | None:
+    def of_module(cls, system: System, layout: StateLayout, module: Module) -> LatchBytes | None:
         """The latch of a module; None where it has none."""
         if module.latch is None:
             return None
@@ -276,13 +276,13 @@ class LatchBytes:
         )
 
     def release(self, state: bytearray) -> None:
-        """Writes a latch that lets AC have control: acknowledged now, or never engaged."""
+        """Writes a latch that lets AC have control, as it is acknowledged or was never engaged."""
         now = struct.unpack_from("<q", state, 0)[0]
         held = (0, NEVER) if self.button is None else (ACKNOWLEDGED, now)
         self.write_look(state, Seen(held))
 
     def write_look(self, state: bytearray, seen: Seen) -> None:
-        """Writes a memory, a state of the button and its stamp into a state."""
+        """Writes the inputs of a look into a state: a memory, the button and its stamp."""
         struct.pack_into("<b", state, self.value, seen.held[0])
         struct.pack_into("<q", state, self.since, seen.held[1])
         if self.button is not None:

@@ -1,10 +1,9 @@
-"""Computed predicates as functions of the program: the tables of levels that a DM reads.
+"""Writes computed predicates as functions of the program, which read tables of levels.
 
-Purpose: `LevelTable` is what every table of levels offers, however it is read; a `GroupTable` is
-that of a grid: it holds the level of each cell of estimates (0: ttf, 1: in S_0, 2: in S_(m-2)),
-four cells a byte. `predicates_of_tables` writes `ttf` and `safer` as checked expressions, which the
-interpreter, Core and C treat like any other; `Writer` builds such trees, which all stand at one
-place of the program's text.
+Purpose: `LevelTable` is the interface of every table of levels. A `GroupTable` is the table of a
+grid: it holds the level of each cell of estimates (0: ttf, 1: in S_0, 2: in S_(m-2)), four cells a
+byte. `predicates_of_tables` writes `ttf` and `safer` as checked expressions, which the interpreter,
+Core and C treat like any other. `Writer` builds such expressions, at one place of the program.
 Non-goals: the sets (`grid/estimate_sets.py`), when they are computed (`missing_predicates.py`).
 
 Why reading is sound. S_j is a set of closed cells. `place` looks for the cell by halving, then
@@ -55,12 +54,12 @@ if TYPE_CHECKING:
 
 
 class Writer:
-    """Builds checked trees that stand at one place of the program."""
+    """Builds checked expressions and statements, all at one place of the program's text."""
 
     def __init__(self, span: Span) -> None:
         self.span = span
 
-    def number(self, value: int) -> t.TypedExpr:
+    def integer(self, value: int) -> t.TypedExpr:
         """An int literal."""
         return t.Literal(INT, self.span, value)
 
@@ -73,7 +72,7 @@ class Writer:
         return t.Aggregate(ArrayType(FLOAT, len(values)), self.span, tuple(values))
 
     def real_op(self, op: str, left: t.TypedExpr, right: t.TypedExpr) -> t.TypedExpr:
-        """An arithmetic operation on floats."""
+        """An arithmetic operation on two floats."""
         return t.TypedBinary(FLOAT, self.span, op, left, right)
 
     def variable(self, name: str, kind: str, type_: Type) -> t.Variable:
@@ -81,7 +80,7 @@ class Writer:
         return t.Variable(name, type_, kind, self.span, used=True)
 
     def read(self, variable: t.Variable) -> t.TypedExpr:
-        """The value of a variable."""
+        """The expression that reads a variable."""
         return t.VarRead(variable.type, self.span, variable)
 
     def op(self, op: str, left: t.TypedExpr, right: t.TypedExpr) -> t.TypedExpr:
@@ -89,14 +88,14 @@ class Writer:
         return t.TypedBinary(INT if op in "+-*/%" else BOOL, self.span, op, left, right)
 
     def chain(self, op: str, terms: Sequence[t.TypedExpr]) -> t.TypedExpr:
-        """Several booleans joined by a connective."""
+        """The expression of several booleans joined by a connective."""
         first, *rest = terms
         for term in rest:
             first = self.op(op, first, term)
         return first
 
-    def element(self, array: t.TypedExpr, index: t.TypedExpr) -> t.TypedExpr:
-        """An element of an array."""
+    def element_at(self, array: t.TypedExpr, index: t.TypedExpr) -> t.TypedExpr:
+        """The expression of the element of an array at an index."""
         assert isinstance(array.type, ArrayType)
         return t.Index(array.type.element, self.span, array, index)
 
@@ -113,8 +112,8 @@ class Writer:
         numbers = np.frombuffer(values, dtype=np.uint8).astype("<i8")
         return t.Literal(of, self.span, Table(element, numbers.tobytes()), name)
 
-    def leaf(self, topic: t.TopicSymbol, path: Sequence[str]) -> t.TypedExpr:
-        """One leaf of a topic."""
+    def leaf_of(self, topic: t.TopicSymbol, path: Sequence[str]) -> t.TypedExpr:
+        """The expression of one leaf of a topic."""
         e: t.TypedExpr = t.TopicRead(topic.type, self.span, topic)
         for part in path:
             if isinstance(e.type, RecordType):
@@ -122,7 +121,7 @@ class Writer:
                 assert index is not None
                 e = t.TypedField(e.type.fields[index][1], self.span, e, index)
             else:
-                e = self.element(e, self.number(int(part[1:-1])))
+                e = self.element_at(e, self.integer(int(part[1:-1])))
         return e
 
     def declare(self, variable: t.Variable, value: t.TypedExpr) -> t.TypedStmt:
@@ -134,7 +133,7 @@ class Writer:
         place = t.Place(variable, (), variable.type, self.span)
         return t.TypedAssign(self.span, place, self.read(value))
 
-    def give(self, value: t.TypedExpr) -> t.TypedStmt:
+    def result(self, value: t.TypedExpr) -> t.TypedStmt:
         """The statement `return value;`."""
         return t.TypedReturn(self.span, value)
 
@@ -144,26 +143,23 @@ class Writer:
         """A function with an int result."""
         return t.FunSymbol(name, self.span, parameters, INT, tuple(body), False, None)
 
-    def call(self, fun: t.FunSymbol, *arguments: t.TypedExpr) -> t.TypedExpr:
+    def call_of(self, fun: t.FunSymbol, *arguments: t.TypedExpr) -> t.TypedExpr:
         """A call of a function."""
         return t.TypedCall(fun.result, self.span, fun, arguments)
 
 
 @dataclass(frozen=True, eq=False)
 class EstimateSamples:
-    """Estimates on which the compiled DM is tried.
-
-    `points` (n, states): one for every cell; `levels` (n,): the level of each.
-    """
+    """Estimates on which the compiled DM is tried: `points` (n, states) and `levels` (n,)."""
 
     points: NDArray[np.float64]
     levels: NDArray[np.uint8]
 
 
 class LevelTable(ABC):
-    """Levels of estimates of a group: 0 (`ttf`), 1 (in S_0), 2 (in S_(m-2)).
+    """A table of the levels of a group's estimates: 0 (`ttf`), 1 (in S_0), 2 (in S_(m-2)).
 
-    `states`: those that the DM sees, which the function takes in this order.
+    `states`: the states that the DM sees, in the order in which the function takes them.
     """
 
     states: tuple[int, ...]
@@ -173,11 +169,11 @@ class LevelTable(ABC):
     @property
     @abstractmethod
     def ends(self) -> tuple[tuple[float, ...], ...]:
-        """For each state the numbers that divide its values into classes for the tests of a DM."""
+        """For each state the numbers that divide its values into classes for tests of the DM."""
 
     @abstractmethod
     def share_of_volume(self, group: Group) -> float:
-        """Gives which share of the volume of its group's ranges lies in S_0."""
+        """The share of the volume of its group's ranges that lies in S_0."""
 
     @property
     @abstractmethod
@@ -213,10 +209,10 @@ FULL = 2
 class CommandTable:
     """The commands that a shield permits.
 
-    `tops`: for each cell and command cell i the number of the first command cell beyond those whose
-    commands may act together with the commands of i; 0: those of i may not act. `control`: the
-    number of the command; None: no command moves the group. `lasting`: for each cell and command
-    cell 1 where its commands may act for longer, else 0; None: the shield does not need it.
+    `tops`: for each cell and command cell i the number of the first command cell whose commands may
+    not act together with those of i; 0 if those of i may not act. `control`: the number of the
+    control; None if none moves the group. `lasting`: for each cell and command cell 1 where its
+    commands may act for longer, else 0; None if the shield does not need it.
     """
 
     control: int | None
@@ -227,7 +223,7 @@ class CommandTable:
 
 @dataclass(frozen=True, eq=False)
 class Estimates:
-    """S_0 (`outer`) and S_(m-2) (`inner`) of a group, in the grid's shape, and a shield's table."""
+    """The sets S_0 (`outer`) and S_(m-2) (`inner`) of a group, in the grid's shape."""
 
     outer: Bools
     inner: Bools
@@ -244,7 +240,7 @@ class GroupTable(LevelTable):
     """The level, 0, 1 or 2, of each cell."""
     commands: CommandTable | None = None
     wraps: tuple[bool, ...] = ()
-    """For each axis whether estimates are brought back to it by whole turns; empty: for none."""
+    """For each axis whether estimates are moved back to it by whole turns; empty if none are."""
 
     @property
     def packed(self) -> bytes:
@@ -312,20 +308,17 @@ class GroupTable(LevelTable):
 
 def pairs_of(case: CaseSets) -> Pairs:
     """The pairs (S_0, S_(m-2)) of the groups of a case that have them."""
-    return [p.pair for p in case.proofs if p.pair is not None]
+    return [p.estimate_levels for p in case.proofs if p.estimate_levels is not None]
 
 
 def tables_of_groups(problem: Problem, cases: Sequence[Pairs]) -> list[GroupTable]:
-    """A table for each group, in order, of what holds in every case, by its pair in each."""
+    """The table of each group, in order, with the levels that hold in every case."""
     every = zip(problem.groups, zip(*cases, strict=True), strict=True)
     return [group_table(problem, g, pairs) for g, pairs in every]
 
 
 def group_table(problem: Problem, group: Group, pairs: Sequence[Estimates]) -> GroupTable:
-    """The table of a grid: the levels that hold in every case, of which `pairs` has (S_0, S_(m-2)).
-
-    All sets have the grid's shape.
-    """
+    """The table of a grid; `pairs`: (S_0, S_(m-2)) of each case, in the grid's shape."""
     shown = topics_seen_by_dm(problem)
     sure = np.logical_and.reduce([np.asarray(p.outer) for p in pairs])
     inner = np.logical_and.reduce([np.asarray(p.inner) for p in pairs]) & sure
@@ -345,7 +338,7 @@ def group_table(problem: Problem, group: Group, pairs: Sequence[Estimates]) -> G
 def _permitted_commands(
     problem: Problem, pairs: Sequence[Estimates], unseen: tuple[int, ...]
 ) -> CommandTable | None:
-    """The commands that a shield permits in every case, at any place on axes the DM cannot see."""
+    """The commands that a shield permits in every case, wherever the axes are that no DM sees."""
     every = [p.commands for p in pairs if p.commands is not None]
     if len(every) < len(pairs) or len({c.control for c in every}) != 1:
         return None
@@ -363,9 +356,10 @@ def _permitted_commands(
 def predicates_of_tables(
     problem: Problem, level_tables: Sequence[LevelTable]
 ) -> tuple[t.TypedExpr, t.TypedExpr]:
-    """(ttf, safer): `ttf` if some group is below level 1, `safer` if every group is at level 2.
+    """The predicates (ttf, safer), which read the tables.
 
-    Where no table has a level 1, `ttf` is "not safer".
+    `ttf` holds where some group is below level 1, `safer` where every group is at level 2. If no
+    table has a level 1, `ttf` is "not safer".
     """
     symbol = problem.module.symbol
     w = Writer(symbol.span)
@@ -374,8 +368,8 @@ def predicates_of_tables(
         name = f"{symbol.name}_level{i if len(level_tables) > 1 else ''}"
         fun = each.function(w, name)
         arguments = [*estimate_leaves(w, problem, each), *each.more_arguments(w, problem)]
-        lows.append(w.op("<", w.call(fun, *arguments), w.number(1)))
-        highs.append(w.op(">=", w.call(fun, *arguments), w.number(2)))
+        lows.append(w.op("<", w.call_of(fun, *arguments), w.integer(1)))
+        highs.append(w.op(">=", w.call_of(fun, *arguments), w.integer(2)))
     safer = w.chain("&&", highs)
     if all(table.two_levels for table in level_tables):
         return t.TypedUnary(BOOL, symbol.span, "!", safer), safer
@@ -383,19 +377,19 @@ def predicates_of_tables(
 
 
 def estimate_leaves(w: Writer, problem: Problem, table: LevelTable) -> list[t.TypedExpr]:
-    """The expressions of the leaves of topics that are the estimate for a table."""
+    """The expressions of the leaves of topics that make the estimate for a table."""
     shown, arguments = topics_seen_by_dm(problem), []
     for state in table.states:
         topic, leaf = problem.topic_leaf_of_state[state]
         path = list(leaves(problem.system.topics[topic].type))[leaf][0]
-        arguments.append(w.leaf(shown[state], path))
+        arguments.append(w.leaf_of(shown[state], path))
     return arguments
 
 
 def grid_ends(
     problem: Problem, level_tables: Sequence[LevelTable]
 ) -> dict[str, tuple[float, float]]:
-    """Both ends of the axis of each leaf of a topic, by its name, where the axis does not wrap."""
+    """The two ends of the axis of each leaf, by the leaf's name; axes that wrap are left out."""
     shown, ends = topics_seen_by_dm(problem), {}
     for x in level_tables:
         if isinstance(x, GroupTable):
@@ -410,9 +404,9 @@ def grid_ends(
 def place_function(
     w: Writer, name: str, edges: Sequence[float], *, wraps: bool = False
 ) -> t.FunSymbol:
-    """`fun place(x: float): int`: the number of a cell that contains x, or -1 where none does.
+    """The function `fun place(x: float): int`: the number of a cell that contains x, or -1.
 
-    `wraps`: x is first brought back by whole turns, if it is not too many turns away.
+    `wraps`: the function first moves x back by whole turns, if these are not too many.
     """
     count = len(edges) - 1
     table = w.array(f"{name}_EDGES", FLOAT, tuple(float(e) for e in edges))
@@ -420,25 +414,25 @@ def place_function(
     x = w.variable("near", "let", FLOAT) if wraps else argument
     low, high = (w.variable(n, "var", INT) for n in ("low", "high"))
     mid, step = w.variable("mid", "let", INT), w.variable("step", "loop", INT)
-    middle = w.op("/", w.op("+", w.read(low), w.read(high)), w.number(2))
-    above = w.op(">=", w.read(x), w.element(table, w.read(mid)))
+    middle = w.op("/", w.op("+", w.read(low), w.read(high)), w.integer(2))
+    above = w.op(">=", w.read(x), w.element_at(table, w.read(mid)))
     halve = t.TypedIf(w.span, ((above, (w.assign(low, mid),)),), (w.assign(high, mid),))
     rounds = (count - 1).bit_length()
     search = t.ForRange(w.span, step, 0, rounds, (w.declare(mid, middle), halve))
-    first = w.element(table, w.read(low))
-    last = w.element(table, w.op("+", w.read(low), w.number(1)))
+    first = w.element_at(table, w.read(low))
+    last = w.element_at(table, w.op("+", w.read(low), w.integer(1)))
     inside = w.op("&&", w.op(">=", w.read(x), first), w.op("<=", w.read(x), last))
-    begin = [w.declare(low, w.number(0)), w.declare(high, w.number(count))]
+    begin = [w.declare(low, w.integer(0)), w.declare(high, w.integer(count))]
     if wraps:
         begin.append(w.declare(x, _brought_back(w, argument, edges[0], edges[-1])))
         size = t.Builtin(FLOAT, w.span, "abs", (w.read(argument),))
         inside = w.op("&&", w.op("<=", size, w.decimal(FARTHEST)), inside)
-    answer = t.Conditional(INT, w.span, inside, w.read(low), w.number(-1))
-    return w.function(name, (argument,), [*begin, *([search] if rounds else []), w.give(answer)])
+    answer = t.Conditional(INT, w.span, inside, w.read(low), w.integer(-1))
+    return w.function(name, (argument,), [*begin, *([search] if rounds else []), w.result(answer)])
 
 
 def _brought_back(w: Writer, x: t.Variable, low: float, high: float) -> t.TypedExpr:
-    """An estimate minus whole turns: min(max(x - turn * floor((x - low) / turn), low), high).
+    """The expression min(max(x - turn * floor((x - low) / turn), low), high): x less whole turns.
 
     Up to `FARTHEST` its error is below `FAR_TURNS`: the turn is off by 2^-51, so its multiple by
     2^-40; a product and two sums round by 2^-39 each; near an end the quotient may be a turn off,
@@ -459,31 +453,31 @@ def cell_number(
     edges_by_axis: Sequence[Sequence[float]],
     wraps: Sequence[bool] = (),
 ) -> tuple[list[t.TypedStmt], t.TypedExpr]:
-    """Statements, which return 0 outside, and an expression: the number of the cell at `inputs`."""
+    """Statements that return 0 outside of the grid, and the expression of the cell's number."""
     body: list[t.TypedStmt] = []
-    cell: t.TypedExpr = w.number(0)
+    cell: t.TypedExpr = w.integer(0)
     outside = []
     for k, (x, edges) in enumerate(zip(inputs, edges_by_axis, strict=True)):
         index = w.variable(f"i{k}", "let", INT)
         around = bool(wraps) and wraps[k]
         place = place_function(w, f"{name}_place{k}", edges, wraps=around)
-        body.append(w.declare(index, w.call(place, w.read(x))))
-        cell = w.op("+", w.op("*", cell, w.number(len(edges) - 1)), w.read(index))
-        outside.append(w.op("<", w.read(index), w.number(0)))
+        body.append(w.declare(index, w.call_of(place, w.read(x))))
+        cell = w.op("+", w.op("*", cell, w.integer(len(edges) - 1)), w.read(index))
+        outside.append(w.op("<", w.read(index), w.integer(0)))
     if outside:
-        body.append(t.TypedIf(w.span, ((w.chain("||", outside), (w.give(w.number(0)),)),), ()))
+        body.append(t.TypedIf(w.span, ((w.chain("||", outside), (w.result(w.integer(0)),)),), ()))
     return body, cell
 
 
 def level_function(w: Writer, name: str, table: GroupTable) -> t.FunSymbol:
-    """`fun level(x0: float, ...): int`: 0, 1 or 2 for an estimate; 0 outside the grid."""
+    """The function `fun level(x0: float, ...): int`: the level of an estimate, 0 off the grid."""
     inputs = tuple(w.variable(f"x{k}", "parameter", FLOAT) for k in range(len(table.edges)))
     body, cell = cell_number(w, name, inputs, table.edges, table.wraps)
     at = w.variable("cell", "let", INT)
     body.append(w.declare(at, cell))
     packed = w.table_of_bytes(f"{name}_TABLE", table.packed)
     powers = w.array(f"{name}_POWERS", INT, POWERS)
-    four = w.number(PER_BYTE)
-    byte = w.element(packed, w.op("/", w.read(at), four))
-    shifted = w.op("/", byte, w.element(powers, w.op("%", w.read(at), four)))
-    return w.function(name, inputs, [*body, w.give(w.op("%", shifted, four))])
+    four = w.integer(PER_BYTE)
+    byte = w.element_at(packed, w.op("/", w.read(at), four))
+    shifted = w.op("/", byte, w.element_at(powers, w.op("%", w.read(at), four)))
+    return w.function(name, inputs, [*body, w.result(w.op("%", shifted, four))])

@@ -26,7 +26,7 @@ from soter.language.model.typed import Literal, TypedUnary
 from soter.language.model.types import BOOL
 from soter.native.cache import SOTER, digest, files_below, find_cached, new_entry
 from soter.verify.claims import claims
-from soter.verify.claims.choose_cells_and_levels import choose_cells_and_levels, with_way_back
+from soter.verify.claims.choose_cells_and_levels import cases_with_way_back, choose_cells_and_levels
 from soter.verify.claims.claims import compute_levels
 from soter.verify.deploy.level_tables import (
     GroupTable,
@@ -37,7 +37,7 @@ from soter.verify.deploy.level_tables import (
 )
 from soter.verify.deploy.shield_tables import ShieldWriter, shield_expressions
 from soter.verify.enclose.compiled_enclosures import library_of
-from soter.verify.grid.claims import pack, unpack
+from soter.verify.grid.claims import arrays_of_levels, levels_from_arrays
 from soter.verify.grid.grid_refinement import announce_work, cell_count
 from soter.verify.grid.group_model import UnboundedError
 from soter.verify.problem.extract import extract, parameter_cases
@@ -45,7 +45,7 @@ from soter.verify.problem.inputs import topics_seen_by_dm
 from soter.verify.tubes.generated_functions import TooLongError
 from soter.verify.tubes.kinks import kinks_of
 from soter.verify.tubes.problem import TubeProblem
-from soter.verify.tubes.rest_claims import RestClaims, rest_entry, show_rest_claims, too_long
+from soter.verify.tubes.rest_claims import RestClaims, rest_entry, show_rest_claims, too_long_error
 from soter.verify.tubes.tube_check import MOST, PLAIN, TubeCheck
 from soter.verify.tubes.tube_levels import TubeLevels
 from soter.version import VERSION
@@ -78,16 +78,13 @@ NEVER = "ttf and safer are not computed, its AC never gets control"
 
 
 class Known(Protocol):
-    """A source of sets that need not be computed; it also learns which tables were built."""
+    """A source of sets that need not be computed; it is also told which tables are built."""
 
     def sets(self, problem: Problem) -> list[Pairs] | None:
-        """The pairs (S_0, S_(m-2)) of every case; None: it does not know them."""
+        """The pairs (S_0, S_(m-2)) of every case; None if the source does not have them."""
 
     def check_build(self, problem: Problem, level_tables: Found) -> None:
-        """Learns the tables from which a module's DM is built; none: no predicates.
-
-        May raise to refuse them.
-        """
+        """Is told the tables of a module's DM (none: no predicates); may raise to refuse them."""
 
 
 def modules_to_complete(flat: System) -> list[Module]:
@@ -96,7 +93,7 @@ def modules_to_complete(flat: System) -> list[Module]:
 
 
 def complete(flat: System, known: Known | None = None) -> list[str]:
-    """Gives the modules of `flat` without `ttf` and `safer` computed ones, in place.
+    """Computes `ttf` and `safer` of each module of `flat` that has neither, and puts them there.
 
     A module that determines no verification problem, or for which no sets are found, stays as it
     is: its AC never gets control. `known`: sets that need not be computed. Returns a note about
@@ -153,10 +150,10 @@ def _install_tube_predicates(
     kept = next((plan + c.kept for plan, c in zip(plans, claims, strict=True) if c.kept), "")
     levels: list[LevelTable] = []
     for check, of in zip(checks, claims, strict=True):
-        own = [] if kept else [TubeLevels.of(check, of.ways, rest_entry(check, of))]
+        tables = [] if kept else [TubeLevels.of_check(check, of.ways, rest_entry(check, of))]
         if known is not None:
-            known.check_build(check.problem, own)
-        levels += own
+            known.check_build(check.problem, tables)
+        levels += tables
     if kept:
         return f"{module.name}: {kept}: {NEVER}"
     install_predicates(flat, module, problem, levels)
@@ -168,12 +165,12 @@ def _install_tube_predicates(
 
 
 def _unshown_in_words(claims: Sequence[RestClaims]) -> str:
-    """What is not shown of a module's plans, the first of which begins; "": nothing."""
+    """The words for claims about a module's plans that are not shown; "" if all are shown."""
     return "; ".join(filter(None, dict.fromkeys([*(c.moves for c in claims), claims[0].start])))
 
 
 def decision_costs(flat: System) -> tuple[dict[str, Cost], list[Diagnostic]]:
-    """The worst cost of a decision of each module with `rest`; the errors of modules refused."""
+    """The worst cost of a decision of each module with `rest`; the errors of refused modules."""
     found: dict[str, Cost] = {}
     refused: list[Diagnostic] = []
     for module in flat.modules:
@@ -194,7 +191,7 @@ def _decision_cost(check: TubeCheck) -> Cost:
     try:
         cost = check.decision_cost()
     except TooLongError:
-        raise too_long(check) from None
+        raise too_long_error(check) from None
     check.cut = MOST if check.answers_vary else PLAIN
     with contextlib.suppress(TooLongError):  # what fits stays
         cost = check.decision_cost()
@@ -204,7 +201,7 @@ def _decision_cost(check: TubeCheck) -> Cost:
 
 
 def rest_claims(check: TubeCheck) -> RestClaims:
-    """What is shown of a module's `rest`; read from the cache or computed."""
+    """The claims that are shown of a module's `rest`, from the cache or computed."""
     p = check.problem
     names = [s.name for s in p.quantities.states]
     ranges = (p.drifts, p.states, p.initial, p.disturbances, check.read_sets, names)
@@ -221,45 +218,45 @@ def rest_claims(check: TubeCheck) -> RestClaims:
     return claims
 
 
-def _copy_predicates(here: System, there: System) -> None:
-    """Gives the modules of `here` the predicates that were computed for those of `there`.
+def _copy_predicates(deployed: System, proof_system: System) -> None:
+    """Gives the modules of `deployed` the predicates that were computed for `proof_system`.
 
-    A margin here reaches only to the next look (`Module.looks` stays 1): whether AC keeps control
-    for more looks depends on the sensors, which may not be covered.
+    A margin of theirs reaches only to the next look (`Module.looks` stays 1): whether AC keeps
+    control for more looks depends on the sensors, which may not be covered.
     """
-    for m in here.modules:
-        proved = next(x for x in there.modules if x.name == m.name)
+    for m in deployed.modules:
+        proved = next(x for x in proof_system.modules if x.name == m.name)
         if m.symbol.ttf is not None or proved.symbol.ttf is None:
             continue
-        dm, sc = here.components[m.dm], here.components[m.sc]
+        dm, sc = deployed.components[m.dm], deployed.components[m.sc]
         scope = {**sc.scope.topics, **m.scope.topics}
         m.symbol, m.computed, m.unshown = proved.symbol, proved.computed, proved.unshown
         m.goods = proved.goods
-        for topic in (*proved.symbol.topics_read, *_copy_shield(m, proved, there, scope)):
+        for topic in (*proved.symbol.topics_read, *_copy_shield(m, proved, proof_system, scope)):
             m.scope.topics.setdefault(topic, scope[topic])
             dm.scope.topics.setdefault(topic, scope[topic])
         m.inputs = tuple(scope[topic] for topic in proved.symbol.topics_read)
 
 
 def _copy_shield(
-    m: Module, proved: Module, there: System, scope: dict[TopicSymbol, int]
+    m: Module, proved: Module, proof_system: System, scope: dict[TopicSymbol, int]
 ) -> list[TopicSymbol]:
     """Copies the shield's expressions from the proved module; returns the topics that they read.
 
-    `scope` learns which topic of this system the shield's topic is.
+    Adds to `scope` the index of the shield's topic in this system.
     """
     if m.shield is None or proved.shield is None or proved.shield.held is None:
         return []
     m.shield.held, m.shield.permits = proved.shield.held, proved.shield.permits
     m.shield.moved = proved.shield.moved
-    scope[there.topics[proved.shield.topic].symbol] = m.shield.topic
+    scope[proof_system.topics[proved.shield.topic].symbol] = m.shield.topic
     if m.shield.proposed is not None and proved.shield.proposed is not None:
-        scope[there.topics[proved.shield.proposed].symbol] = m.shield.proposed
-    return list(topic_reads(*m.shield.code))
+        scope[proof_system.topics[proved.shield.proposed].symbol] = m.shield.proposed
+    return list(topic_reads(*m.shield.expressions))
 
 
 def install_predicates(flat: System, module: Module, problem: Problem, level_tables: Found) -> None:
-    """Makes the predicates that read these tables the module's `ttf` and `safer`, in place."""
+    """Sets the `ttf` and `safer` of a module, in place, to predicates that read these tables."""
     if isinstance(problem, TubeProblem) and problem.plans:
         every = zip(problem.plans, level_tables, strict=True)
         module.goods = tuple(predicates_of_tables(p, [table])[1] for p, table in every)
@@ -283,9 +280,9 @@ def install_predicates(flat: System, module: Module, problem: Problem, level_tab
 def _shield_ttf(
     flat: System, module: Module, problem: Problem, level_tables: Found, scope: dict[Any, int]
 ) -> TypedExpr:
-    """`ttf` of a module with a shield: true where the command that is held is not permitted.
+    """The `ttf` of a module with a shield: the command that is held is not permitted.
 
-    Where some group has no table of commands it is always true.
+    It is always true if some group has no table of commands. Also fills in the module's shield.
     """
     shield, span = module.shield, module.symbol.span
     assert shield is not None
@@ -293,11 +290,12 @@ def _shield_ttf(
     if tubes:
         w = ShieldWriter(problem, flat, shield)
         judged = tubes[0].judged_command(w)
-        shield.held, shield.permits = (w.new_times(), w.chain("&&", [*w.fresh_reads(), judged]))
+        shield.held = w.times_after_command()
+        shield.permits = w.chain("&&", [*w.freshness_conditions(), judged])
         if shield.proposed is not None:
             shield.moved = tubes[0].moved_command(w, flat.topics[shield.proposed])
             if len(module.outputs) == 1:  # of several a step may publish some, and hold the rest
-                shield.permits = w.chain("&&", w.fresh_reads())
+                shield.permits = w.chain("&&", w.freshness_conditions())
         return _add_read_topics(flat, module, shield, scope, TypedUnary(BOOL, span, "!", judged))
     grids = [x for x in level_tables if isinstance(x, GroupTable) and x.commands is not None]
     if len(grids) < len(level_tables):
@@ -312,19 +310,19 @@ def _add_read_topics(
     """Returns `ttf` after adding the topics that a shield reads to the module's and DM's scopes."""
     hidden = [i for i in (shield.topic, shield.proposed) if i is not None]
     scope = {**scope, **{flat.topics[i].symbol: i for i in hidden}}
-    for symbol in topic_reads(*shield.code):
+    for symbol in topic_reads(*shield.expressions):
         module.scope.topics.setdefault(symbol, scope[symbol])
         flat.components[module.dm].scope.topics.setdefault(symbol, scope[symbol])
     return ttf
 
 
 def looks_with_control(problem: Problem, level_tables: Found) -> int:
-    """For how many looks of the DM AC keeps control from a look that finds `safer`: m - 1, or 1.
+    """The number of looks of the DM for which AC keeps control once `safer` holds: m - 1, or 1.
 
-    An estimate in S_(m-2) leaves ttf false at the next m - 2 looks (docs/proof-sets.md, Margin). It
-    is 1, which promises nothing beyond the next look, where that argument has a gap: the table is
-    that of several cases, but levels are nested in each case alone; on a map a state may come to
-    lie on the border of a cell; a check in flight has no levels.
+    An estimate in S_(m-2) leaves ttf false at the next m - 2 looks (docs/proof-sets.md, Margin).
+    The number is 1, which promises nothing beyond the next look, where this does not hold: a table
+    of several cases, as levels are nested only within each case; a map, as a state may come to lie
+    on the border of a cell; a check in flight, which has no levels.
     """
     alone = sum(1 for _ in parameter_cases(problem)) == 1
     inside = problem.kind == "flow" and all(isinstance(x, GroupTable) for x in level_tables)
@@ -332,9 +330,9 @@ def looks_with_control(problem: Problem, level_tables: Found) -> int:
 
 
 def find_sets(problem: Problem) -> tuple[Problem, list[Pairs] | None]:
-    """The problem with its chosen cells and levels, and (S_0, S_(m-2)) of every case.
+    """The problem on its chosen cells and levels, and (S_0, S_(m-2)) of every case.
 
-    They are cached or computed; None in place of the sets where the engine has no answer.
+    The sets are read from the cache or computed; they are None where the engine has no answer.
     """
     phase(f"{problem.name}: computing ttf and safer", anew=True)
     library, _ = library_of(problem)
@@ -348,10 +346,7 @@ def find_sets(problem: Problem) -> tuple[Problem, list[Pairs] | None]:
 
 
 def store_computed_sets(result: ModuleResult) -> None:
-    """Puts the sets of a proof with computed predicates into the cache, for a later build or run.
-
-    Otherwise they would be computed again.
-    """
+    """Stores the sets of a proof with computed predicates in the cache for later builds or runs."""
     problem = result.problem
     if problem.groups and all(result.findings[c].holds for c in OF_SETS):
         pairs = [pairs_of(case) for case in result.cases]
@@ -359,8 +354,8 @@ def store_computed_sets(result: ModuleResult) -> None:
 
 
 def _compute_sets(problem: Problem, library: ReachLibrary) -> Sets | None:
-    announce_work(problem, partial(_one_case, library))
-    chosen = choose_cells_and_levels(problem, partial(_all_cases, library))
+    announce_work(problem, partial(_case_with_levels, library))
+    chosen = choose_cells_and_levels(problem, partial(_cases_with_levels, library))
     problem = chosen.problem
     pairs = [pairs_of(case.sets) for case in chosen.done or ()]
     if not pairs or any(len(of_case) != len(problem.groups) for of_case in pairs):
@@ -368,7 +363,7 @@ def _compute_sets(problem: Problem, library: ReachLibrary) -> Sets | None:
     return problem, pairs
 
 
-def _all_cases(library: ReachLibrary, problem: Problem) -> list[Case] | None:
+def _cases_with_levels(library: ReachLibrary, problem: Problem) -> list[Case] | None:
     """Every case with its levels, after P2b, for which K may lose cells.
 
     None where the dynamics have no enclosure. There are no levels where some case has no K.
@@ -376,16 +371,16 @@ def _all_cases(library: ReachLibrary, problem: Problem) -> list[Case] | None:
     every = list(parameter_cases(problem))
     done = []
     for i, parameter in enumerate(every):
-        share_done(i / len(every))  # how many rounds a case takes nobody knows before
+        share_done(i / len(every))  # the rounds of a case are not known before
         try:
-            case = _one_case(library, problem, parameter)
+            case = _case_with_levels(library, problem, parameter)
         except UnboundedError:
             return None
         done.append(case)
-    return done if any(case.failures_of("P2a") for case in done) else with_way_back(done)
+    return done if any(case.failures_of("P2a") for case in done) else cases_with_way_back(done)
 
 
-def _one_case(library: ReachLibrary, problem: Problem, parameter: tuple[int, ...]) -> Case:
+def _case_with_levels(library: ReachLibrary, problem: Problem, parameter: tuple[int, ...]) -> Case:
     """One case with its levels, if it has a K."""
     case = claims.open_case(problem, library, problem.groups, parameter)
     within = claims.compute_constraint(case)
@@ -393,13 +388,13 @@ def _one_case(library: ReachLibrary, problem: Problem, parameter: tuple[int, ...
     kept = within and claims.compute_core(case)
     phase(f"{problem.name}: where AC may have control")
     if kept:
-        claims.compute_free_phase(case)
+        claims.compute_free_states(case)
         compute_levels(case)
     return case
 
 
 def _cache_key(problem: Problem, library: ReachLibrary) -> str:
-    """A hash of everything the sets depend on: the enclosures' code, all numbers, the engine."""
+    """The hash of everything the sets depend on: the enclosures' code, all numbers, the engine."""
     hashed = hashlib.sha256()
     for part in (
         VERSION,
@@ -427,7 +422,7 @@ def _cache_key(problem: Problem, library: ReachLibrary) -> str:
         sorted(problem.topic_leaf_of_state.items()),
         sorted(topics_seen_by_dm(problem)),
         problem.law_unread,
-        *_law_parts(problem),
+        *_key_parts_of_law(problem),
     ):
         hashed.update(repr(part).encode() + b"\0")
     for file in engine_files():
@@ -435,8 +430,8 @@ def _cache_key(problem: Problem, library: ReachLibrary) -> str:
     return hashed.hexdigest()
 
 
-def _law_parts(problem: Problem) -> tuple[object, ...]:
-    """What the sets depend on in a fail-safe law, whose K_fs SC has to keep, too."""
+def _key_parts_of_law(problem: Problem) -> tuple[object, ...]:
+    """The parts of the cache key about a fail-safe law, whose core K_fs SC has to keep, too."""
     law = problem.law
     if law is None:
         return ()
@@ -458,7 +453,7 @@ def _store_sets(key: str, problem: Problem, pairs: list[Pairs]) -> None:
         arrays[f"{EDGES}{k}"] = np.array(axis.edges)
     for i, case in enumerate(pairs):
         for j, pair in enumerate(case):
-            for name, array in pack(pair).items():
+            for name, array in arrays_of_levels(pair).items():
                 arrays[f"{i}_{j}_{name}"] = array
     with contextlib.suppress(SoterError), new_entry("sets", key, (FILE,)) as entry:
         np.savez_compressed(entry / FILE, **arrays)  # type: ignore[arg-type]
@@ -471,7 +466,7 @@ def _cached_sets(key: str, problem: Problem) -> Sets | None:
         return None
     try:
         with np.load(folder / FILE) as data:
-            problem = replace(_with_chosen_cells(data, problem), levels=int(data[LEVELS]))
+            problem = replace(_problem_with_cells(data, problem), levels=int(data[LEVELS]))
             groups = problem.groups
             return problem, [
                 [_read_stored_pair(data, f"{i}_{j}_", group) for j, group in enumerate(groups)]
@@ -481,8 +476,8 @@ def _cached_sets(key: str, problem: Problem) -> Sets | None:
         return None
 
 
-def _with_chosen_cells(data: Any, problem: Problem) -> Problem:  # noqa: ANN401 - an open archive
-    """The problem on the cells that were chosen for it in an earlier run."""
+def _problem_with_cells(data: Any, problem: Problem) -> Problem:  # noqa: ANN401 - an open archive
+    """The problem on the cells that an earlier run chose and stored in `data`."""
     count, groups = itertools.count(), []
     for group in problem.groups:
         edges = [tuple(data[f"{EDGES}{next(count)}"].tolist()) for _ in group.axes]
@@ -495,5 +490,5 @@ def _with_chosen_cells(data: Any, problem: Problem) -> Problem:  # noqa: ANN401 
 
 
 def _read_stored_pair(data: Any, name: str, group: Group) -> Estimates:  # noqa: ANN401 - an open archive
-    own = {key.removeprefix(name): data[key] for key in data.files if key.startswith(name)}
-    return unpack(group, own)
+    arrays = {key.removeprefix(name): data[key] for key in data.files if key.startswith(name)}
+    return levels_from_arrays(group, arrays)

@@ -1,9 +1,9 @@
-"""What a deployed system takes over from the system of its proofs, and from a certificate.
+"""Says which proofs a deployed system takes over from the system of its proofs or a certificate.
 
 Purpose: `transferred_proofs` says module by module whether the proof holds for the deployed system,
 and what is still assumed. `certified_sets` reads S_0 and S_(m-2) of every group and case from a
-certificate, so that they need not be computed; `difference_from_certificate` says whether what a DM
-is built with of its proof is what a certificate has of it, whoever computed it.
+certificate, so that they need not be computed. `difference_from_certificate` compares the tables
+and figures with which a DM is built with those of a certificate.
 Non-goals: whether a certificate is right: the caller has had it checked (`soter.recheck`), and
 `ttf` and `safer` of the module confirmed; that both systems are the same program
 (`language/elaborate/wellformed.py`), what sensors have to give (`deployed_sensors.py`).
@@ -19,7 +19,7 @@ from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.language.elaborate.derived_systems import faultless, without_held_topics
 from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.verify.claims.results import PROVED
-from soter.verify.grid.claims import pair_in_certificate
+from soter.verify.grid.claims import levels_in_certificate
 from soter.verify.problem.extract import extract, parameter_cases
 from soter.verify.problem.problem import assumption_texts
 from soter.verify.proof_methods import built_entry
@@ -38,7 +38,9 @@ if TYPE_CHECKING:
 def certified_sets(
     certificate: Certificate, system: str, module: str, problem: Problem
 ) -> list[Pairs] | None:
-    """(S_0, S_(m-2)) of every group and case; `system` and `module` are names in the certificate.
+    """The sets (S_0, S_(m-2)) of every group and case, read from a certificate.
+
+    `system` and `module` are names in the certificate.
 
     None where the certificate does not have exactly this problem's cases, groups and grids.
     """
@@ -48,8 +50,8 @@ def certified_sets(
         if (e.get("system"), e.get("module")) == (system, module) and "view" not in e
     ]
     if len(entries) != 1 or problem.module.shield is not None or "levels" in entries[0]:
-        return None  # what a shield permits for longer, and whether others would do, is not there
-    if not _same_wrapping(entries[0], problem):
+        return None  # a certificate lacks what a shield permits for longer, and other level counts
+    if not _wraps_the_same_axes(entries[0], problem):
         return None
     entry_cases, every = entries[0].get("cases", []), list(parameter_cases(problem))
     if [tuple(c["parameter"]) for c in entry_cases] != every:
@@ -59,9 +61,10 @@ def certified_sets(
     for case in entry_cases:
         if len(case["groups"]) != len(groups):
             return None
-        both = zip(groups, case["groups"], strict=True)
+        both_groups = zip(groups, case["groups"], strict=True)
         pairs = [
-            _certified_sets_of_group(certificate, problem, group, entry) for group, entry in both
+            _certified_sets_of_group(certificate, problem, group, entry)
+            for group, entry in both_groups
         ]
         known = [pair for pair in pairs if pair is not None]
         if len(known) < len(pairs):
@@ -71,7 +74,7 @@ def certified_sets(
 
 
 NAMED = {"state": ("state", "states", "wraps"), "control": ("command",)}
-"""Kind of an input -> at which keys of an entry it is named."""
+"""For each kind of input the keys at which an entry names it."""
 
 
 def difference_from_certificate(
@@ -81,10 +84,10 @@ def difference_from_certificate(
     problem: Problem,
     built: Sequence[LevelTable] | None,
 ) -> str:
-    """What a module's DM is built with that its certificate has otherwise, in words; "": nothing.
+    """The first part of a module's DM that differs from its certificate, in words; "" if none does.
 
-    `built`: its tables, or the check that follows SC; empty: it has neither, and AC never gets
-    control; None: the program has the predicates, and only figures are compared.
+    `built`: its tables, or the check that follows SC; empty if it has neither, so that AC never
+    gets control; None if the program has the predicates, so that only figures are compared.
     """
     entries = (
         (e, (e["system"], e["module"], e.get("view", ""))) for e in certificate.manifest["modules"]
@@ -98,29 +101,26 @@ def difference_from_certificate(
         followed = "rest" in entry and entry["claims"].get("P2a") == PROVED
         return "predicates" if followed or entry.get("tables") else ""
     files: dict[str, bytes] = {}
-    ours = _parts_without_names(built_entry(problem, built or (), files), files)
-    theirs = _parts_without_names(entry, certificate.contents)
-    # tables follow from the other figures, and are told before them
+    ours = _dm_parts_without_names(built_entry(problem, built or (), files), files)
+    theirs = _dm_parts_without_names(entry, certificate.contents)
+    # tables follow from the other figures, and are named before them
     every = sorted(ours.keys() | theirs.keys(), key=lambda k: (k != "tables", k))
     every = ["ranges", "times", "wraps"] if built is None else every
     differing = next((k for k in every if ours.get(k) != theirs.get(k)), "")
     return differing if differing in ("", "ranges", "tables", "times") else f"`{differing}`"
 
 
-def _same_wrapping(entry: Mapping[str, Any], problem: Problem) -> bool:
+def _wraps_the_same_axes(entry: Mapping[str, Any], problem: Problem) -> bool:
     """Whether the same axes wrap around as in the certificate's entry."""
     names = [i["name"] for i in entry["inputs"] if i["kind"] == "state"]
     wraps = entry.get("wraps", ())
     return {k for k, name in enumerate(names) if name in wraps} == problem.quantities.turning
 
 
-def _parts_without_names(
+def _dm_parts_without_names(
     entry: Mapping[str, Any], contents: Mapping[str, object]
 ) -> dict[str, Any]:
-    """The parts of an entry from which a DM is built; names become numbers, and files their bytes.
-
-    Names of topics, and so of commands, are others in a file that is imported.
-    """
+    """The parts of an entry that make a DM; names, which an import may change, become numbers."""
     rest, inputs = entry.get("rest") or {}, entry["inputs"]
     parts = {key: entry[key] for key in ("times", "tables", "wraps", "levels") if key in entry}
     parts |= rest
@@ -136,7 +136,7 @@ def _resolve_names(
     places: Mapping[str, list[str]],
     key: str,
 ) -> Any:  # noqa: ANN401 - the same
-    """A part of an entry, found at `key`, with the number or the bytes behind each name."""
+    """A copy of a part of an entry, found at `key`, with a number or bytes for each name."""
     if isinstance(entry, dict):
         return {k: _resolve_names(of, contents, places, k) for k, of in entry.items()}
     if isinstance(entry, list):
@@ -150,7 +150,7 @@ def _resolve_names(
 def _certified_sets_of_group(
     certificate: Certificate, problem: Problem, group: Group, entry: dict[str, Any]
 ) -> Estimates | None:
-    """S_0 and S_(m-2) of a group; None where the entry is about another group, or has no sets."""
+    """The sets S_0 and S_(m-2) of a group; None if the entry has none, or is of another group."""
     names = [problem.quantities.states[a.state].name for a in group.axes]
     if entry["kind"] != "grid" or [a["state"] for a in entry["axes"]] != names:
         return None
@@ -158,7 +158,7 @@ def _certified_sets_of_group(
         edges = [certificate.breakpoints(a["edges"]) for a in entry["axes"]]
         if edges != [tuple(a.edges) for a in group.axes]:
             return None
-        return pair_in_certificate(certificate, group, entry)
+        return levels_in_certificate(certificate, group, entry)
     except (RejectedError, ValueError):
         return None
 
@@ -168,91 +168,94 @@ IN_TIME = "the loop runs every instant no later than `late` says (SOTER_LATE tel
 
 @dataclass(eq=False)
 class TransferredProof:
-    """What a module of a deployed system takes over; `why_not`: why it takes nothing."""
+    """The proof that a module of a deployed system takes over, or the reason `why_not`."""
 
     module: str
     why_not: str = ""
     covered: list[str] = field(default_factory=list)
     """The inputs from outside that are covered, with the bounds that the proof allows."""
     assumptions: list[str] = field(default_factory=list)
-    """The assumptions of the proof, and those about the world and the loop besides."""
+    """The assumptions of the proof, and further ones about the world and the loop."""
     problem: Problem | None = None
 
 
-def transferred_proofs(here: System, there: System) -> tuple[TransferredProof, ...]:
-    """What each module of `here` takes over from `there`, which has no computed predicates yet.
+def transferred_proofs(deployed: System, proof_system: System) -> tuple[TransferredProof, ...]:
+    """The proof that each module of `deployed` takes over from `proof_system`.
+
+    No predicates have been computed for `proof_system` yet.
 
     `SoterError` D019 where an input from outside is not covered.
     """
     diagnostics = Diagnostics()
-    proved = faultless(without_held_topics(there))
-    _check_all_sensed(here, there, diagnostics)
-    inheritances = [_transferred_proof(here, m, proved, diagnostics) for m in here.modules]
+    proved = faultless(without_held_topics(proof_system))
+    _require_all_sensed(deployed, proof_system, diagnostics)
+    transfers = [_transferred_proof(deployed, m, proved, diagnostics) for m in deployed.modules]
     diagnostics.raise_errors()
-    return tuple(inheritances)
+    return tuple(transfers)
 
 
-def advice_to_deploy(here: System, cert: str) -> tuple[str, str]:
-    """Advice on what to do with a certificate of a system that has plants."""
-    outside = {i for c in here.components if c.plant for i in (*c.writes, *c.reads)}
-    outside |= {t.index for t in here.topics if t.driver == "input"}
-    met = " ".join(f"external topic {t.name};" for t in here.topics if t.index in outside)
-    copy = f"`system NAME deploys {here.name} {{ ... }}` with `{met}` in place of plants and inputs"
+def advice_to_deploy(deployed: System, cert: str) -> tuple[str, str]:
+    """Advice for a system with plants that somebody wants to build with a certificate."""
+    outside = {i for c in deployed.components if c.plant for i in (*c.writes, *c.reads)}
+    outside |= {t.index for t in deployed.topics if t.driver == "input"}
+    met = " ".join(f"external topic {t.name};" for t in deployed.topics if t.index in outside)
+    copy = f"`system NAME deploys {deployed.name} {{ ... }}` with `{met}` in place of plants and "
+    copy += "inputs"
     return (
         f"leave `--cert` out: `soter recheck {cert}` says what is proved of it",
         f"or build a copy of it that meets the world: {copy}",
     )
 
 
-def _check_all_sensed(here: System, there: System, diagnostics: Diagnostics) -> None:
+def _require_all_sensed(deployed: System, proof_system: System, diagnostics: Diagnostics) -> None:
     """Reports D019 where a plant reads a topic that is no external topic of the deployed system."""
-    sensed = {here.topics[e.topic].name for e in here.externals}
-    for c in there.components:
+    sensed, system = {deployed.topics[e.topic].name for e in deployed.externals}, deployed.name
+    for c in proof_system.components:
         for topic in c.plant.reads if c.plant is not None else ():
-            name = there.topics[c.scope.topics[topic]].name
-            if name not in sensed and there.topics[c.scope.topics[topic]].driver != "input":
+            name = proof_system.topics[c.scope.topics[topic]].name
+            if name not in sensed and proof_system.topics[c.scope.topics[topic]].driver != "input":
                 diagnostics.error(
                     "D019",
-                    f"plant `{c.name}` reads `{name}`, and nobody takes it out of `{here.name}`",
-                    here.program.systems[here.name].span,
+                    f"plant `{c.name}` reads `{name}`, and nobody takes it out of `{system}`",
+                    deployed.program.systems[system].span,
                     also=((topic.span, "the topic"),),
                     helps=(f"add `external topic {name};`",),
                 )
 
 
 def _transferred_proof(
-    here: System, m: Module, there: System, diagnostics: Diagnostics
+    deployed: System, m: Module, proof_system: System, diagnostics: Diagnostics
 ) -> TransferredProof:
-    inheritance = TransferredProof(m.name)
-    proved = next(x for x in there.modules if x.name == m.name)
+    transfer = TransferredProof(m.name)
+    proved = next(x for x in proof_system.modules if x.name == m.name)
     try:
-        problems = [extract(*seen) for seen in systems_by_view(there, proved)]
+        problems = [extract(*seen) for seen in systems_by_view(proof_system, proved)]
     except SoterError as error:
-        inheritance.why_not = f"nothing can be proved of it: {error.diagnostics[0].message}"
-        return inheritance
+        transfer.why_not = f"nothing can be proved of it: {error.diagnostics[0].message}"
+        return transfer
     for problem in problems:
-        inheritance.why_not = inheritance.why_not or _why_not_carried(problem, proved)
-    if inheritance.why_not:
-        return inheritance
+        transfer.why_not = transfer.why_not or _why_not_carried(problem, proved)
+    if transfer.why_not:
+        return transfer
     for problem in problems:
-        inheritance.assumptions += [
+        transfer.assumptions += [
             text
             for text in assumption_texts(problem.assumptions)
-            if text not in inheritance.assumptions
+            if text not in transfer.assumptions
         ]
     (problem,) = problems
     if isinstance(problem, TubeProblem) and problem.plans:
-        inheritance.why_not = "SC has several plans, and what each reads is not carried over yet"
-        return inheritance
-    inheritance.problem = problem
+        transfer.why_not = "SC has several plans, and what each reads is not carried over yet"
+        return transfer
+    transfer.problem = problem
     covers = module_method(problem).covers
-    inheritance.covered, assumed = covers(here, there, problem, diagnostics)
-    inheritance.assumptions += [*assumed, IN_TIME]
-    return inheritance
+    transfer.covered, assumed = covers(deployed, proof_system, problem, diagnostics)
+    transfer.assumptions += [*assumed, IN_TIME]
+    return transfer
 
 
 def _why_not_carried(problem: Problem, module: Module) -> str:
-    """Why a proof of this kind does not hold for a deployed system; "": it may."""
+    """Why a proof of this kind does not hold for a deployed system; "" where it may hold."""
     if module.symbol.verify.abstracts or problem.view:
         return (
             "it was proved on verification plants (`abstracts`), and how old a state is behind the "

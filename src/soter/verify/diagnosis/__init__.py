@@ -1,4 +1,4 @@
-"""Why a proof failed, or says little: runs of the model, changes that were tried, figures.
+"""Explains why a proof failed or says little, by runs of the model, tried changes and figures.
 
 - `open_claims.py` shows by a run why a claim is not proved; `model_runs.py` finds such runs.
 - `habits_of_sc.py` looks for faults of an SC that keeps nothing; `changed_runs.py` for one change

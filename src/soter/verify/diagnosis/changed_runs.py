@@ -1,8 +1,8 @@
-"""Runs of the model with one thing changed: with which change a run that leaves C stays inside.
+"""Looks for one change with which a run of the model that leaves C stays inside.
 
 Purpose: `changes_that_keep_c` changes one thing of SC, of the world or of the ages at a time, and
-follows the run that leaves C again; where it stays, it follows others from the same start, too. So
-the advice names what is in the way, and by how much, and says that it was tried.
+follows the run that leaves C again. If it stays in C, other runs from the same start are followed,
+too. So the advice names a cause and its size, and says that the change was tried.
 Non-goals: verdicts: these are runs of the model, and nothing is proved of the changed module (of
 some changes `tried_remedies.py` asks the proof, too); two changes together.
 """
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 LONGER, HOLDS = 5.0, 1000
-"""A changed run is followed this many times as long as the one that leaves C, and for so many
+"""How many times as long as the run that leaves C a changed run is followed, and for how many
 periods of SC at least."""
 NARROWER = {0.5: "half as wide", 0.25: "a quarter as wide", 0.0625: "a sixteenth as wide"}
 OF = {"disturbances": "a disturbance", "errors": "an error of"}
@@ -44,20 +44,20 @@ OLD = (
     "commands that act sooner: SC answers states up to {} old (`max_age`, `dropout`, `acts within`)"
 )
 MARGIN = 1.25
-"""A strength, or a width, has to help by so much less than what is told, too."""
+"""The factor by which a strength or a width that is advised may be missed, and still helps."""
 LOOKS, SAME = 50, 1e-9
-"""At how many states SC is asked, and how much its answers may vary to be one value."""
+"""The number of states in which SC is evaluated, and the variation of equal answers."""
 FAR = 1e6
-"""How far beside a run states are drawn where the grid has no end."""
+"""The distance from a run up to which states are drawn where the grid has no end."""
 MOST = 2
-"""The most changes that are told."""
+"""The most changes that one advice names."""
 KEEPS = "(tried in runs of the model: none leaves C within {:.4g} s)"
 KEEPS_CALM = "(tried in runs of the model that nothing disturbs: none leaves C within {:.4g} s)"
 RETURNS = "(tried in runs of the model: all end where `safer` holds then)"
 
 
 class _ChangedModel(PointModel):
-    """A model whose SC reads, or publishes, something else."""
+    """A model whose SC reads changed states (`reads`) or publishes changed commands (`sends`)."""
 
     def __init__(
         self,
@@ -69,25 +69,25 @@ class _ChangedModel(PointModel):
         self._reads, self._sends = reads, sends
 
     def law(self, x: Floats, errors: Floats, others: Floats) -> Floats:
-        """What the changed SC publishes; arrays as of `PointModel.law`."""
+        """The commands of the changed SC; arrays as of `PointModel.law`."""
         return self._sends(super().law(self._reads(x), errors, others))
 
 
 @dataclass(frozen=True)
 class Change:
-    """One thing that is changed: what to say, and the worlds in which all runs have to end well.
+    """One change: the advice, and the worlds in which all runs have to end well.
 
-    A world is a model and what becomes of a pattern there.
+    A world is a model, and a function that changes a run's pattern for it.
     """
 
-    said: str
+    advice: str
     worlds: tuple[tuple[PointModel, Callable[[Pattern], Pattern]], ...]
 
 
-def same_answer(model: PointModel, trace: ModelTrace) -> Floats | None:
-    """What SC publishes whatever it reads, (controls,), as far as is seen; None: it varies.
+def constant_command(model: PointModel, trace: ModelTrace) -> Floats | None:
+    """The command, (controls,), that SC publishes whatever it reads; None if it varies.
 
-    It is asked in states of a run, and in others that are drawn from the grid.
+    SC is evaluated in states of a run, and in others that are drawn from the grid.
     """
     still = np.zeros(len(model.problem.errors)), np.zeros(len(model.problem.others))
     passed = np.array(trace.states)[np.linspace(0, len(trace.states) - 1, LOOKS).astype(int)]
@@ -100,9 +100,9 @@ def same_answer(model: PointModel, trace: ModelTrace) -> Floats | None:
 
 
 def changes(model: PointModel, *, constant: bool = False) -> Iterator[list[Change]]:
-    """The changes, those of one thing together, the least first.
+    """The changes to try, as one list for each thing that is changed, the least change first.
 
-    `constant`: SC publishes one value, which has no sign that were wrong.
+    `constant`: SC always publishes one value, so that no sign of it can be wrong.
     """
     q = model.problem.quantities
     old = OLD.format(show_ns(model.inputs.delay_ns))
@@ -110,14 +110,14 @@ def changes(model: PointModel, *, constant: bool = False) -> Iterator[list[Chang
     ends = list(zip(q.controls, model.forms.whole[model.controls], strict=True))
     for k, (leaf, (low, high)) in () if constant else enumerate(ends):
         about = _middle(low, high)
-        turned = partial(_with_scaled_value, k, -1.0, about, low, high)
+        turned = partial(_copy_with_scaled_value, k, -1.0, about, low, high)
         world = _ChangedModel(model, sends=turned), _unchanged_pattern
-        yield [Change(f"an SC that publishes `{leaf.name}` {_turned(about)}", (world,))]
+        yield [Change(f"an SC that publishes `{leaf.name}` {_sign_text(about)}", (world,))]
     for k, leaf in () if constant else enumerate(q.states):
         about = _middle(model.low[k], model.high[k])
-        turned = partial(_with_scaled_value, k, -1.0, about, -np.inf, np.inf)
+        turned = partial(_copy_with_scaled_value, k, -1.0, about, -np.inf, np.inf)
         world = _ChangedModel(model, reads=turned), _unchanged_pattern
-        yield [Change(f"an SC that answers `{leaf.name}` {_turned(about)}", (world,))]
+        yield [Change(f"an SC that answers `{leaf.name}` {_sign_text(about)}", (world,))]
     for k, (leaf, (low, high)) in enumerate(ends):
         yield [
             Change(
@@ -125,7 +125,7 @@ def changes(model: PointModel, *, constant: bool = False) -> Iterator[list[Chang
                 tuple(
                     (
                         _ChangedModel(
-                            model, sends=partial(_with_scaled_value, k, by, 0.0, low, high)
+                            model, sends=partial(_copy_with_scaled_value, k, by, 0.0, low, high)
                         ),
                         _unchanged_pattern,
                     )
@@ -140,7 +140,7 @@ def changes(model: PointModel, *, constant: bool = False) -> Iterator[list[Chang
                 Change(
                     f"{OF[part]} `{leaf.name}` {text}",
                     tuple(
-                        (model, partial(_with_narrowed_pattern, part, k, by))
+                        (model, partial(_narrowed_pattern, part, k, by))
                         for by in (times, times * MARGIN)
                     ),
                 )
@@ -153,26 +153,26 @@ def _unchanged_pattern(pattern: Pattern) -> Pattern:
 
 
 def _middle(low: float, high: float) -> float:
-    """The value about which a sign is changed: 0 where a range has it inside, or its middle."""
+    """The value at which a sign changes: 0 if that lies inside of a range, or the middle."""
     return 0.0 if low < 0.0 < high else low / 2 + high / 2
 
 
-def _turned(about: float) -> str:
-    """How a sign is changed, in words: as it was tried."""
+def _sign_text(about: float) -> str:
+    """The words for a sign that was changed at this value."""
     return "with the other sign" if about == 0.0 else f"mirrored at {about:.4g}"
 
 
-def _with_scaled_value(
+def _copy_with_scaled_value(
     index: int, times: float, about: float, low: float, high: float, values: Floats
 ) -> Floats:
-    """A copy of `values` with one value `times` as far from `about`, within its range."""
+    """A copy of `values` in which one is `times` as far from `about`, but within its range."""
     values = np.copy(values)
     values[index] = np.clip(about + times * (values[index] - about), low, high)
     return values
 
 
-def _with_narrowed_pattern(part: str, index: int, times: float, pattern: Pattern) -> Pattern:
-    """A copy of a pattern, one of whose disturbances, or errors, is nearer to its middle."""
+def _narrowed_pattern(part: str, index: int, times: float, pattern: Pattern) -> Pattern:
+    """A copy of a pattern with one disturbance or error scaled toward the middle."""
     signs = np.copy(getattr(pattern, part))
     signs[index] *= times
     if part == "errors":
@@ -183,10 +183,10 @@ def _with_narrowed_pattern(part: str, index: int, times: float, pattern: Pattern
 def changes_that_bring_back(
     model: PointModel, first: Pattern, others: Sequence[Pattern], returns: EndsWell
 ) -> str:
-    """The changes with which runs end where the DM gives control back, in words; "": none found.
+    """The changes with which runs end where the DM gives control back, in words; "" if none.
 
-    `returns`: whether a run of a model with a pattern ends so, in the time there is; `first`: a
-    pattern whose run does not.
+    `returns`: whether a run of a model with a pattern ends there; `first`: a pattern whose
+    unchanged run does not.
     """
     return _changes_in_words(_changes_that_help(model, first, returns, others), RETURNS)
 
@@ -194,22 +194,21 @@ def changes_that_bring_back(
 def changes_that_keep_c(
     model: PointModel, left: ModelTrace, others: Sequence[Pattern], go_on: Callable[[], bool]
 ) -> str:
-    """The changes with which no run leaves C from where `left` began, in words; "": none.
+    """The changes with which no run leaves C from the start of `left`, in words; "" if none.
 
-    `left`: a run that leaves C. Where its pattern has everything in the middle, `others` are not
-    tried.
+    `left`: a run that leaves C. If it is undisturbed, the patterns `others` are not tried.
     """
     until_s = max(LONGER * left.times[-1], HOLDS * model.inputs.period_ns * NS)
 
-    def stays(changed: PointModel, pattern: Pattern) -> bool:
+    def stays_in_c(changed: PointModel, pattern: Pattern) -> bool:
         if not go_on():
             return False
         trace = run_of_sc(changed, left.states[0], pattern, until_s, go_on)
         return not trace.left and trace.times[-1] >= until_s * (1.0 - 1e-9)
 
-    calm, constant = not left.pattern.any, same_answer(model, left) is not None
+    calm, constant = not left.pattern.is_disturbed, constant_command(model, left) is not None
     helps = _changes_that_help(
-        model, left.pattern, stays, [] if calm else others, constant=constant
+        model, left.pattern, stays_in_c, [] if calm else others, constant=constant
     )
     return _changes_in_words(helps, (KEEPS_CALM if calm else KEEPS).format(until_s))
 
@@ -222,11 +221,11 @@ def _changes_that_help(
     *,
     constant: bool = False,
 ) -> Iterator[str]:
-    """The changes with which the first pattern and all others end well, in words."""
+    """The advice of each change with which runs of the first pattern and all others end well."""
     for steps in changes(model, constant=constant):
         for change in steps:
             if all(well(m, of(p)) for p in (first, *others) for m, of in change.worlds):
-                yield change.said
+                yield change.advice
                 break
 
 

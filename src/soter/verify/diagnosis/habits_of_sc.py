@@ -1,9 +1,8 @@
-"""What is wrong with an SC whose K is empty, as undisturbed runs of the model show it.
+"""Finds what is wrong with an SC whose K is empty, by runs of the model.
 
 Purpose: `habit_of_sc` looks for three faults of SC: it comes to rest outside of C; it drives a
-state away from its place of rest; or it leaves a state where it starts, so that any push moves that
-on. They lie with SC, so the advice is about SC. `habit_of_moving_on`: where nothing else is found,
-it does not stop.
+state away from its place of rest; or it leaves a state where the state starts, so that any push
+moves it on. The advice is then about SC. `habit_of_moving_on` finds a fourth one: SC never stops.
 Non-goals: verdicts: these are runs of the model; an SC that is merely too weak
 (`changed_runs.py`).
 """
@@ -34,36 +33,36 @@ if TYPE_CHECKING:
 
 
 HOLDS = 2000
-"""For how many periods of SC a run is followed."""
+"""The number of periods of SC for which a run is followed."""
 EVEN = 0.01
-"""As a share of a speed: one that changes less within a run's last quarter is even."""
+"""The share of a speed by which an even speed may change in a run's last quarter."""
 STILL = 1e-3
-"""As a share of an axis: a run that moves less in its last quarter has come to rest."""
+"""The share of an axis within which a run at rest stays in its last quarter."""
 MOVED = 0.1
-"""As a share of an axis: how far a state is put beside the place of rest."""
+"""The share of an axis by which a state is moved away from the place of rest."""
 LOOKS = 50
-"""At how many places `safe` is evaluated on the way from there to the end of an axis."""
+"""The number of places on the way to the end of an axis at which `safe` is evaluated."""
 
 
 @dataclass(frozen=True)
 class Habit:
-    """What SC does wrong, in a sentence, and what to write in its place."""
+    """A fault of SC in a sentence (`text`), and advice on what to write instead (`hint`)."""
 
     text: str
     hint: str
     trace: ModelTrace | None = None
-    """The run that leaves C, with everything in the middle, where it does."""
+    """The undisturbed run that leaves C; None where it does not leave C."""
 
 
 def habit_of_sc(model: PointModel, start: Floats, going: Callable[[], bool]) -> Habit | None:
-    """The habit of SC that runs from a state, (states,), show; None: none, or time ran out."""
+    """The habit of SC that runs from a state, (states,), show; None if none does in the time."""
     calm = next(patterns_to_try(model))
     until_s = HOLDS * model.inputs.period_ns * NS
     first = run_of_sc(model, start, calm, until_s, going, beyond=True)
     if not comes_to_rest(model, first) or not going():
         return None
     rest = first.states[-1]
-    if model.outside(rest).any() or model.safe(rest) == FALSE:
+    if model.is_beyond_ends(rest).any() or model.safe(rest) == FALSE:
         text = (
             f"without any disturbance SC comes to rest outside of C, at {point_text(model, rest)}"
         )
@@ -85,8 +84,8 @@ def _habit_beside_rest(
     until_s: float,
     going: Callable[[], bool],
 ) -> Habit | None:
-    """The habit of SC that a run from beside its place of rest shows; None: SC leads back."""
-    calm, name, begin = next(patterns_to_try(model)), model.names[axis], rest.copy()
+    """The habit of SC that a run from beside its place of rest shows; None if SC leads back."""
+    calm, name, begin = next(patterns_to_try(model)), model.state_names[axis], rest.copy()
     step = side * MOVED * (model.high[axis] - model.low[axis])
     begin[axis] += step
     inside = model.low[axis] <= begin[axis] <= model.high[axis]
@@ -115,7 +114,7 @@ def _habit_beside_rest(
 def _habit_of_drift(
     model: PointModel, pattern: Pattern, name: str, seen: tuple[float, float, float]
 ) -> Habit:
-    """The habit of leaving a state; `seen`: its start, its end, how fast it is pushed at rest."""
+    """The habit of leaving a state; `seen`: its start, its end, its speed when pushed at rest."""
     begin, end, speed = seen
     by = ", ".join(pattern_text(model, pattern))
     text = (
@@ -136,7 +135,7 @@ def _drift_ends_unsafe(model: PointModel, rest: Floats, axis: int, speed: float)
 
 
 def habit_of_moving_on(model: PointModel, start: Floats, going: Callable[[], bool]) -> Habit | None:
-    """The habit of moving on for ever, evenly, from a state, (states,), to where `safe` ends."""
+    """The habit of moving on evenly for ever, from a state (states,), until `safe` is lost."""
     until_s = HOLDS * model.inputs.period_ns * NS
     trace = run_of_sc(model, start, next(patterns_to_try(model)), until_s, going, beyond=True)
     times, states = np.array(trace.times), np.array(trace.states)
@@ -150,7 +149,7 @@ def habit_of_moving_on(model: PointModel, start: Floats, going: Callable[[], boo
         return None
     for axis in (int(i) for i in np.flatnonzero(moved) if i not in model.turning):
         if _drift_ends_unsafe(model, states[-1], axis, speeds[axis]):
-            name = model.names[axis]
+            name = model.state_names[axis]
             text = (
                 f"without any disturbance SC does not stop: after {times[-1]:.4g} s {name} still "
                 f"moves by {speeds[axis]:.3g} a second, toward where `safe` ends"

@@ -1,13 +1,13 @@
-"""Runs of the model under SC: the dynamics that a proof encloses, at points instead of boxes.
+"""Runs the model under SC: the dynamics that a proof encloses, at points instead of boxes.
 
 Purpose: `run_of_sc` simulates the verification system with disturbances and errors at their ends,
-constant or following a rate, and commands as late as the declared times allow;
-`soonest_leaving_run` finds the run that leaves C, the states where `safe` holds, soonest.
+constant or following a rate, and commands as late as the declared times allow.
+`soonest_leaving_run` finds the run that is the first to leave C, the states where `safe` holds.
 Non-goals: refuting: these are runs of the plant's equations, integrated by RK4, not of the program
 (`verify/refute.py`); finding the worst adversary.
 
-Command k acts from k delta + j on and answers the state d before that: one of the choices that
-docs/verification.md (section 3) leaves to the world, as is answering at once.
+Command k acts from k delta + j on and answers the state of d before. That, and answering at once,
+are two of the choices that docs/verification.md (section 3) leaves to the world.
 """
 
 from __future__ import annotations
@@ -32,22 +32,22 @@ if TYPE_CHECKING:
 
 NS = 1e-9
 CORNERS_MAX = 6
-"""Up to this many signs are tried in all combinations; of more, `DRAWN` combinations."""
+"""Up to so many signs are tried in all combinations; of more signs only `DRAWN` combinations."""
 DRAWN = 48
 LENGTHS = (25, 200, 1600, 12800)
-"""Lengths of runs in periods: all patterns the first; then that with everything in the middle, and
-those that moved a state furthest."""
+"""Lengths of runs in periods of SC: all patterns are tried with the first length, and then the
+undisturbed one and those that moved a state furthest."""
 STEPS_A_HOLD = 2
 STABLE = 2.0
-"""A step is at most so many times the fastest lag: with more than 2.7, RK4 grows where it sinks."""
+"""The longest step, in times of the fastest lag; above 2.7 a value that sinks grows in RK4."""
 SHOWN = 600
-"""How many states of a run are kept to be shown; the first and the last are among them."""
+"""The number of states of a run that are shown, the first and the last among them."""
 FALSE, TRUE = 1, 2
 """The truth values (bit masks) that are certain."""
 
 
 class StepFaultError(Exception):
-    """The law, or the flow, may fault at a point: the run ends there."""
+    """Raised where SC's law, or the flow, may fault at a point, so that the run ends there."""
 
 
 class PointModel:
@@ -78,18 +78,18 @@ class PointModel:
         param = np.array(list(case.parameter) or [0], dtype=np.int64)
         cast = library.ffi.cast
         self._keep = param
-        self._given = (
+        self._c_arguments = (
             cast("void *", self._in.ctypes.data),
             cast("int64_t *", param.ctypes.data),
             cast("void *", self._out.ctypes.data),
         )
         self._lib = library.lib
 
-    def outside(self, x: Floats) -> Bools:
-        """Truths, (states,): whether each state lies beyond an end of the grid that counts."""
+    def is_beyond_ends(self, x: Floats) -> Bools:
+        """Truths, (states,): whether a state lies beyond an end of the grid that bounds it."""
         below, above = x < self.low, x > self.high
-        below[[*self.turning, *self.below_ends]] = False  # at the other end it goes on, or it has
-        above[[*self.turning, *self.above_ends]] = False  # no end, or no run is assumed there
+        below[[*self.turning, *self.below_ends]] = False  # an angle goes on at the other end; an
+        above[[*self.turning, *self.above_ends]] = False  # axis has no end, or an open one
         return np.asarray(below | above)
 
     @property
@@ -98,17 +98,17 @@ class PointModel:
         return np.array([i.low / 2 + i.high / 2 for i in self.problem.initial])
 
     @property
-    def names(self) -> tuple[str, ...]:
+    def state_names(self) -> tuple[str, ...]:
         """The names of the states."""
         return tuple(s.name for s in self.problem.quantities.states)
 
     def _call(self, name: str) -> None:
         self._in[: len(self._point), :3] = self._point[:, None]
-        if getattr(self._lib, f"soter_{name}")(*self._given):
+        if getattr(self._lib, f"soter_{name}")(*self._c_arguments):
             raise StepFaultError(name)
 
     def law(self, x: Floats, errors: Floats, others: Floats) -> Floats:
-        """The commands of SC on an estimate; their middle where they depend on SC's locals.
+        """The commands of SC on an estimate; their middle if they depend on SC's locals.
 
         `x` (states,), `errors` (errors,), `others` (others,) -> (controls,).
         """
@@ -129,7 +129,7 @@ class PointModel:
         return np.array(self._out[: len(x), 2])
 
     def safe(self, x: Floats) -> int:
-        """The truth of `safe`: bit 0: it may be false, bit 1: it may be true. `x`: (states,)."""
+        """The truth of `safe`: bit 0 if it may be false, bit 1 if it may be true. `x` (states,)."""
         self._point[self.states] = x
         try:
             self._call("safe")
@@ -185,13 +185,13 @@ class Pattern:
     follows: int | None = None
 
     @property
-    def any(self) -> bool:
-        """Whether the pattern has anything that is not in the middle."""
+    def is_disturbed(self) -> bool:
+        """Whether the pattern has anything late or not in the middle."""
         return bool(self.late or self.disturbances.any() or self.errors.any() or self.others.any())
 
 
 def patterns_to_try(model: PointModel) -> Iterator[Pattern]:
-    """The patterns to try: first the one with everything in the middle, then corners."""
+    """The patterns to try: first the undisturbed one, with all in the middle, then corners."""
     sizes = [len(model.problem.disturbances), len(model.problem.errors)]
     sizes.append(len(model.problem.others))
     yield Pattern(np.zeros(sizes[0]), np.zeros(sizes[1]), np.zeros(sizes[2]))
@@ -233,7 +233,7 @@ def run_of_sc(
 ) -> ModelTrace:
     """A run under SC from `start` (states,) until it leaves C, at most for `until_s` seconds.
 
-    `beyond`: it goes on outside of C.
+    `going`: whether there is time left; `beyond`: the run goes on outside of C.
     """
     trace = ModelTrace(pattern, [0.0], [np.array(start)])
     try:
@@ -260,11 +260,11 @@ def _values_of_signs(model: PointModel, part: slice, signs: Floats) -> Floats:
 def _extend_trace(
     model: PointModel, trace: ModelTrace, p: Pattern, until_s: float
 ) -> Iterator[None]:
-    """Extends the trace step by step."""
+    """Extends the trace by one state at a time, until `until_s` seconds."""
     errors = _values_of_signs(model, model.errors, p.errors)
     others = _values_of_signs(model, model.others, p.others)
     period = model.inputs.period_ns * NS
-    delay, jitter = (v * NS if p.late else 0.0 for v in _delays(model))
+    delay, jitter = (v * NS if p.late else 0.0 for v in _delay_and_jitter_ns(model))
     x, t = trace.states[0], 0.0
     if model.is_map:
         step = (model.inputs.map_step_ns or model.inputs.period_ns) * NS
@@ -302,12 +302,12 @@ def _extend_trace(
             k += 1
 
 
-def _delays(model: PointModel) -> tuple[int, int]:
+def _delay_and_jitter_ns(model: PointModel) -> tuple[int, int]:
     return model.inputs.delay_ns, model.inputs.jitter_ns
 
 
 def _disturbances_at(model: PointModel, p: Pattern, x: Floats, u: Floats) -> Floats:
-    """The values of the disturbances that the pattern has in this state."""
+    """The disturbances that the pattern has in a state, (disturbances,)."""
     if p.follows is None:
         return _values_of_signs(model, model.disturbances, p.disturbances)
     middle = _values_of_signs(model, model.disturbances, np.zeros_like(p.disturbances))
@@ -318,9 +318,9 @@ def _disturbances_at(model: PointModel, p: Pattern, x: Floats, u: Floats) -> Flo
 
 
 def _enter_if_left(model: PointModel, trace: ModelTrace) -> bool:
-    """Whether the last state is outside C; if so, enters in the trace by which end the run left."""
+    """Whether the last state is outside C; if so, notes in the trace by which axis the run left."""
     x = trace.states[-1]
-    beyond = model.outside(x)
+    beyond = model.is_beyond_ends(x)
     false = model.safe(x) == FALSE
     if not false and not beyond.any():
         return False
@@ -341,26 +341,23 @@ def _enter_if_left(model: PointModel, trace: ModelTrace) -> bool:
 
 @dataclass(eq=False)
 class LeavingSearch:
-    """The run that leaves C soonest, and what was tried."""
+    """The run that leaves C soonest, with figures of all runs that were tried."""
 
     soonest: LeavingRun | None = None
     trace: ModelTrace | None = None
     runs: int = 0
     longest_s: float = 0.0
     undisturbed: ModelTrace | None = None
-    """The run with everything in the middle that leaves C; None: it was not seen to."""
+    """The undisturbed run if it leaves C; None if it was not seen to."""
     furthest: Sequence[Pattern] = ()
-    """The patterns that moved states furthest, first that with everything in the middle."""
+    """The patterns that moved states furthest, after the undisturbed one."""
     cut: bool = False
 
 
 def soonest_leaving_run(
     model: PointModel, start: Floats, whose: str, going: Callable[[], bool]
 ) -> LeavingSearch:
-    """The run from `start`, (states,), that leaves C soonest under any pattern.
-
-    `going`: whether there is time left to go on.
-    """
+    """The run from `start`, (states,), that leaves C soonest; `going`: whether time is left."""
     search, period = LeavingSearch(), model.inputs.period_ns * NS
     todo = list(patterns_to_try(model))
     for holds in LENGTHS:
@@ -376,7 +373,7 @@ def soonest_leaving_run(
             reaches.append(_reach_of_run(trace))
             if not trace.left:
                 continue
-            if not pattern.any:
+            if not pattern.is_disturbed:
                 search.undisturbed = trace
             if search.trace is None or trace.times[-1] < search.trace.times[-1] - period / 1000:
                 best, search.trace = trace.times[-1], trace
@@ -389,14 +386,14 @@ def soonest_leaving_run(
 
 
 def _reach_of_run(trace: ModelTrace) -> Floats:
-    """How far a run moves each state down and up, (2 * states,)."""
+    """The distances by which a run moves each state down, then up, (2 * states,)."""
     moved = np.nan_to_num(np.array(trace.states) - trace.states[0], nan=0.0)
     return np.concatenate([-moved.min(axis=0), moved.max(axis=0)])
 
 
 def leaving_run(model: PointModel, trace: ModelTrace, whose: str) -> LeavingRun:
-    """A run as plain data for results."""
-    names = model.names
+    """A run that leaves C as plain data for results; `whose`: the words for its start."""
+    names = model.state_names
     last = len(trace.times) - 1
     shown = np.unique(np.linspace(0, last, min(last + 1, SHOWN)).astype(int))
     return LeavingRun(
@@ -415,17 +412,17 @@ def leaving_run(model: PointModel, trace: ModelTrace, whose: str) -> LeavingRun:
 def point_text(model: PointModel, x: Floats) -> str:
     """The values of the states, (states,), with their names, in words."""
     return ", ".join(
-        f"{n} = {without_rounding(v):.5g}" for n, v in zip(model.names, x, strict=True)
+        f"{n} = {without_rounding(v):.5g}" for n, v in zip(model.state_names, x, strict=True)
     )
 
 
 def without_rounding(value: float) -> float:
-    """The number, or 0 where it is 0 but for rounding."""
+    """The number, but 0 if it is nearly 0."""
     return 0.0 if abs(value) < 1e-9 else value
 
 
 def pattern_text(model: PointModel, pattern: Pattern) -> tuple[str, ...]:
-    """A text for each input that a pattern chooses."""
+    """A text for each input that a pattern does not leave in the middle."""
     q = model.problem.quantities
     names = tuple(s.name for s in q.states)
     chosen = []

@@ -1,9 +1,8 @@
 """Explains a claim that was not proved by a run of the model, in a few CPU seconds at most.
 
-Purpose: where K is empty, `explain_open_claims` finds the run under SC that leaves C soonest, or
-says that none was seen to; where the way back (P2b) is not shown, the run that ends furthest
-outside `safer`, or that none does. It does so beside a refuting run, too, which shows where it ends
-and not why.
+Purpose: where K is empty, `explain_open_claims` finds the run under SC that leaves C soonest. Where
+the way back (P2b) is not shown, it finds the run that ends furthest outside `safer`. It says so if
+no such run was seen. It explains a refuted claim, too, as a refuting run does not show the cause.
 Non-goals: verdicts: these are runs of the model, and none of them refutes; what would help
 (`variations.py`), which is measured by proving again; an SC that is merely too weak.
 """
@@ -24,7 +23,7 @@ from soter.verify.diagnosis.changed_runs import (
     OLD,
     changes_that_bring_back,
     changes_that_keep_c,
-    same_answer,
+    constant_command,
 )
 from soter.verify.diagnosis.habits_of_sc import (
     HOLDS,
@@ -67,15 +66,15 @@ if TYPE_CHECKING:
 
 
 OPEN = (UNDECIDED, REFUTED)
-"""The verdicts that are explained: a refuting run does not say why SC keeps nothing."""
+"""The verdicts that are explained; a refuting run does not say why SC keeps nothing."""
 EMPTY, HABIT = "K is empty", "habit"
 RUNS_S, BACK_S, HABIT_S, CHANGED_S = 2.5, 1.5, 2.0, 10.0
 """CPU seconds for runs that leave C, for runs that do not come back, for SC's habit, and for runs
 with one thing changed."""
 FROM_START = 0.7
-"""The share of the time for runs from the declared start; then of the rest for each other one."""
+"""The share of the time for runs from the declared start; others get half of the rest each."""
 WALK_HOLDS = 2000
-"""For how many periods a run is followed to see where SC brings it."""
+"""The number of periods for which a run is followed to see where it ends."""
 DECLARED = "the declared start"
 GIVEN_ALL_THE_SAME = (
     "`{}` says that AC need not get control back (P2b), not that it never does: the DM gives it "
@@ -91,7 +90,7 @@ NOT_ONE = (
     "narrower, a run still leaves C (tried in runs of the model)"
 )
 LATE = 20
-"""A command that answers what is more periods of SC old hardly keeps anything."""
+"""A command that answers a state of more periods of SC before hardly keeps anything."""
 MOVED_ACROSS = (
     "{0} and {1} in one `grid` line: {1} moves {0}, and may be anything there while it has another"
 )
@@ -99,7 +98,7 @@ HINTS_ON_RETURN = {
     "comes_back": "smaller cells where SC ends; smaller errors or delays",
     "no_target": "smaller errors; smaller cells; fewer levels, or a larger `safer`",
 }
-"""Advice on P2b where runs show nothing that is wrong with SC, by the cause."""
+"""Advice on P2b, by the cause, where no run shows a fault of SC."""
 NOT_FINITE = "over the whole grid {} has no finite range, by {}"
 FINITE = (
     "`max(that, LEAST)` where it never is below a LEAST above 0 (or `min`, if it is negative), or "
@@ -109,7 +108,7 @@ TURNS = "; {axis} is an angle whose axis does not wrap around, as {who} reads ho
 
 
 def explain_open_claims(done: Sequence[Case], result: ModuleResult, go_on: GoOn) -> None:
-    """Enters in the findings why K is empty, or why SC does not come back."""
+    """Enters in the findings why K is empty, or why SC does not give control back."""
     p2a, p2b, safer = (result.findings[claim] for claim in ("P2a", "P2b", "safer"))
     empty = next((c for c in done if c.failures_of("P2a")), None)
     if p2a.verdict in OPEN and empty is not None:
@@ -122,13 +121,13 @@ def explain_open_claims(done: Sequence[Case], result: ModuleResult, go_on: GoOn)
                 p2b.causes.append(cause)
                 p2b.hint = cause.hint or HINTS_ON_RETURN.get(cause.kind, p2b.hint)
                 break
-    clause = result.problem.module.symbol.stays
+    clause = result.problem.module.symbol.stay_clause
     if safer.verdict in OPEN and empty is None and clause:
         safer.causes.append(Cause("asked_all_the_same", GIVEN_ALL_THE_SAME.format(clause)))
 
 
 def _go_on_for(seconds: float, go_on: GoOn) -> GoOn:
-    """A `go_on` that is true for this many CPU seconds, and while the given one is."""
+    """A function that is true for so many CPU seconds, as long as `go_on` is true, too."""
     until = time.process_time() + seconds
     return lambda: go_on() and time.process_time() < until
 
@@ -157,7 +156,7 @@ def _explain_empty(done: Sequence[Case], case: Case, finding: Finding, go_on: Go
         if found is not None:
             cause = Cause(HABIT, found.text, "", cause.numbers)
             finding.hint = found.hint
-        changed = _changed_hint(model, search, found, go_on)
+        changed = _advice_of_changed_runs(model, search, found, go_on)
         if changed == NOT_ONE and found is None:
             cause, finding.hint = _cause_if_no_change_helps(model, search, cause, go_on)
         elif changed != NOT_ONE:
@@ -166,24 +165,24 @@ def _explain_empty(done: Sequence[Case], case: Case, finding: Finding, go_on: Go
         finding.hint = OLD.format(show_ns(model.inputs.delay_ns))
     for axis in (a for a, who in case.problem.turns_read.items() if not who):
         finding.hint = f"`{axis} in [-PI, PI]`: of exactly a turn, this axis wraps around"
-    for state, other in list(_moved_across(model, case))[:1]:
-        finding.hint = MOVED_ACROSS.format(model.names[state], model.names[other])
+    for state, other in list(_states_moved_across_groups(model, case))[:1]:
+        finding.hint = MOVED_ACROSS.format(model.state_names[state], model.state_names[other])
     failing = sum(bool(c.failures_of("P2a")) for c in done)
     if len(done) > 1:
         pairs = zip(case.problem.parameters, case.parameter, strict=True)
         at = ", ".join(f"{p.name} = {v}" for p, v in pairs)
         cause = Cause(cause.kind, f"with {at} (of {len(done)} values {failing} fail) {cause.text}")
     finding.causes.append(cause)
-    if finding.verdict == UNDECIDED:  # a run that refutes it says more
+    if finding.verdict == UNDECIDED:  # else the text about the refuting run stays
         finding.text = f"{EMPTY}: {why}"
 
 
-def _changed_hint(
+def _advice_of_changed_runs(
     model: PointModel, search: LeavingSearch, found: Habit | None, go_on: GoOn
 ) -> str:
-    """The changes with which runs stay in C, or `NOT_ONE`; "": these were not all tried in time.
+    """The changes with which runs stay in C, in words; `NOT_ONE` if there are none.
 
-    Nothing is tried where SC's habit is not to leave by itself.
+    "" if not all were tried in time. Nothing is tried if SC has a habit that shows no leaving run.
     """
     if found is not None and found.trace is None:
         return ""
@@ -200,11 +199,11 @@ def _changed_hint(
 def _cause_if_no_change_helps(
     model: PointModel, search: LeavingSearch, cause: Cause, go_on: GoOn
 ) -> tuple[Cause, str]:
-    """The cause and the advice where no single change of SC or the world keeps runs in C."""
+    """The cause and the advice if no single change of SC or the world keeps runs in C."""
     hint, moving = NOT_ONE, habit_of_moving_on(model, model.start, _go_on_for(HABIT_S, go_on))
     if moving is not None:
         cause, hint = Cause(cause.kind, f"{cause.text}; {moving.text}"), moving.hint
-    if search.trace and (sent := same_answer(model, search.trace)) is not None:
+    if search.trace and (sent := constant_command(model, search.trace)) is not None:
         hint = ANSWERS if moving is None else hint
         hint += UNMOVED.format(_commands_in_words(model, sent))
     return cause, hint
@@ -216,8 +215,8 @@ def _commands_in_words(model: PointModel, sent: Floats) -> str:
     return ", ".join(f"`{n}` = {v:.4g}" for n, v in zip(names, sent, strict=True))
 
 
-def _moved_across(model: PointModel, case: Case) -> Iterator[tuple[int, int]]:
-    """States of one group, each with a state of another group that moves it."""
+def _states_moved_across_groups(model: PointModel, case: Case) -> Iterator[tuple[int, int]]:
+    """Pairs of a state and a state of another group of axes by which it is moved."""
     group = {a.state: k for k, proof in enumerate(case.proofs) for a in proof.group.axes}
     x, inputs = model.start, (case.problem.controls, case.problem.disturbances)
     still = [np.zeros(len(r)) for r in inputs]
@@ -230,7 +229,7 @@ def _moved_across(model: PointModel, case: Case) -> Iterator[tuple[int, int]]:
 
 
 def _cause_without_c(model: PointModel) -> Cause:
-    """The cause that C itself has no cell."""
+    """The cause that C has no cell at all."""
     start, held = model.start, model.safe(model.start)
     text = "`safe` holds on no whole cell of the grid"
     if (start == np.clip(start, model.low, model.high)).all() and held in (FALSE, TRUE):
@@ -255,14 +254,14 @@ def _leaving_cause(search: LeavingSearch, case: Case) -> tuple[str, Cause]:
 
 
 def _where_sc_stops(model: PointModel, go_on: GoOn) -> Floats | None:
-    """The states, (states,), where an undisturbed run comes to rest; None: it does not."""
+    """The states, (states,), at which an undisturbed run comes to rest; None if it does not."""
     until_s = 3 * HOLDS * model.inputs.period_ns * NS
     trace = run_of_sc(model, model.start, next(patterns_to_try(model)), until_s, go_on, beyond=True)
     return trace.states[-1] if go_on() and comes_to_rest(model, trace) else None
 
 
-def _last_axes(case: Case, stop: Floats | None) -> Iterator[str]:
-    """The axes in the last cell of which, before an end that counts, SC stops; with the value."""
+def _ends_where_sc_stops(case: Case, stop: Floats | None) -> Iterator[str]:
+    """Each axis in whose outermost cell SC stops, with the value; `stop`: where SC stops."""
     if stop is None:
         return
     for a in (a for proof in case.proofs for a in proof.group.axes):
@@ -275,14 +274,14 @@ def _last_axes(case: Case, stop: Floats | None) -> Iterator[str]:
 def _no_run_cause(
     search: LeavingSearch, case: Case, stop: Floats | None, tried: Sequence[str]
 ) -> tuple[Cause, str]:
-    """The cause and advice where no run leaves C: cells are lost by their size, not by SC.
+    """The cause and advice if no run leaves C, so that the size of cells, not SC, loses K.
 
     `stop`: where SC comes to rest, (states,), if it does.
     """
     text = f"of {search.runs} runs of the model, up to {search.longest_s:.4g} s, none leaves C"
     text += " (cut off)" * search.cut + ": perhaps SC keeps C, and the sets do not show it"
     advice = [] if any("cells of" in t for t in tried) else ["smaller cells"]
-    if ends := ", ".join(_last_axes(case, stop)):
+    if ends := ", ".join(_ends_where_sc_stops(case, stop)):
         text += f"; undisturbed, SC stops at {ends}, in the last cell of the axis: what is pushed "
         text += "beyond counts as lost"
         advice.insert(0, f"a wider grid: an axis that goes on beyond {ends}, where SC stops")
@@ -300,10 +299,10 @@ def _no_run_cause(
 
 
 def _search_leaving_run(case: Case, model: PointModel, go_on: GoOn) -> LeavingSearch:
-    """The run that leaves C soonest, from the declared start, else from another state of C."""
+    """The search for the run that leaves C soonest, from the declared start, then from others."""
     last = LeavingSearch()
     for start, whose in _start_points(case, model):
-        if model.outside(start).any() or not model.safe(start) & TRUE:
+        if model.is_beyond_ends(start).any() or not model.safe(start) & TRUE:
             continue
         part = FROM_START if whose == DECLARED else (1.0 - FROM_START) / 2
         search = soonest_leaving_run(model, start, whose, _go_on_for(part * RUNS_S, go_on))
@@ -317,11 +316,11 @@ def _search_leaving_run(case: Case, model: PointModel, go_on: GoOn) -> LeavingSe
 
 
 def _start_points(case: Case, model: PointModel) -> Iterator[tuple[Floats, str]]:
-    """The starts to try: the declared one, the middle of C, points half way to each end."""
+    """The starts to try, with words: the declared one, the middle of C, half way to each end."""
     yield model.start, DECLARED
     middle = model.start
     for proof in case.proofs:
-        for state, value in proof.deepest.items():
+        for state, value in proof.deepest_state.items():
             middle[state] = value
     middle = np.clip(middle, model.low, model.high)
     yield middle, "the middle of C"
@@ -333,7 +332,7 @@ def _start_points(case: Case, model: PointModel) -> Iterator[tuple[Floats, str]]
 
 
 def _has_no_way_back(failure: Failure) -> bool:
-    """Whether a failure is about cells without a way back, or about an empty Q."""
+    """Whether a failure is about cells without a way back, or about an empty target set Q."""
     if not isinstance(failure.proof, GridProof):
         return False
     home = failure.proof.found.home
@@ -342,7 +341,7 @@ def _has_no_way_back(failure: Failure) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _RunEnd:
-    """The last quarter of a run, and which part of it is outside `safer`."""
+    """A run, with the ranges of states in its last quarter and the share of it outside `safer`."""
 
     trace: ModelTrace
     pattern: Pattern
@@ -352,7 +351,7 @@ class _RunEnd:
 
 
 class _WayBackSearch:
-    """Finds out where SC brings the plant, and whether the DM gives control back there."""
+    """Finds where SC brings the plant, and whether the DM gives control back there."""
 
     def __init__(self, case: Case, failure: Failure) -> None:
         self.case, self.failure, self.model = case, failure, PointModel(case)
@@ -360,7 +359,7 @@ class _WayBackSearch:
         self.grid = failure.proof
 
     def cause_of_failure(self, go_on: GoOn) -> Cause:
-        """The cause: the run that ends outside `safer`, undisturbed or the worst."""
+        """The cause of the failure: a run that ends outside `safer`, or that none was seen."""
         target = self.grid.found.target
         if target is not None and not target.any():
             text = "there is no cell all of whose estimates satisfy `safer`"
@@ -376,15 +375,15 @@ class _WayBackSearch:
                 break
             followed.append(pattern)
             if end.trace.left:
-                if not pattern.any:
+                if not pattern.is_disturbed:
                     text = f"{head} leaves C after {end.trace.times[-1]:.4g} s"
                     return Cause("leaves", text)
             elif end.outside and (worst is None or end.outside > worst.outside):
                 worst = end
-                if not pattern.any:
+                if not pattern.is_disturbed:
                     break
         if worst is not None:
-            kind = "pushed_out" if worst.pattern.any else "stays_away"
+            kind = "pushed_out" if worst.pattern.is_disturbed else "stays_away"
             returns = partial(self._run_returns, start, _go_on_for(CHANGED_S, go_on))
             hint = changes_that_bring_back(self.model, worst.pattern, followed, returns)
             return Cause(kind, f"{head} {self._end_in_words(worst)}", hint)
@@ -394,22 +393,22 @@ class _WayBackSearch:
         return Cause("comes_back", text + "was shown that all runs stay in")
 
     def _start_point(self) -> tuple[Floats, str]:
-        """The start and its name: a cell without a way back, the declared start, a state of K."""
+        """The start of runs, with words: a cell without a way back, the declared start, or in K."""
         if self.failure.stuck and self.failure.cells is not None:
             return self._middle_of_cell(self.failure.cells), "one of them"
-        if self._all_hold(self.grid.found.core > 0, self.model.start):
+        if self._lies_in_all_cells_around(self.grid.found.core > 0, self.model.start):
             return self.model.start, DECLARED
         return self._middle_of_cell(self.grid.found.core > 0), "inside K"
 
     def _middle_of_cell(self, of: Bools) -> Floats:
-        """The middle of that cell of a set which is nearest to the grid's middle."""
+        """The middle of the cell of a set (in the grid's shape) nearest to the grid's middle."""
         x, cells, middle = self.model.start, np.argwhere(of), np.array(of.shape) / 2
         at = cells[int(np.argmin((np.abs(cells - middle) / middle).max(axis=1)))]
         for state, edges, i in zip(self.grid.engine.axes, self.grid.engine.edges, at, strict=True):
             x[state] = (edges[i] + edges[i + 1]) / 2
         return x
 
-    def _all_hold(self, cells: Bools, x: Floats) -> bool:
+    def _lies_in_all_cells_around(self, cells: Bools, x: Floats) -> bool:
         """Whether all cells that hold a state, (states,), are in a set of the grid's shape."""
         pairs = zip(self.grid.engine.axes, self.grid.engine.edges, strict=True)
         at = [
@@ -419,10 +418,10 @@ class _WayBackSearch:
         return len(inside) == len(at) and bool(cells[inside].all())
 
     def _gives_back(self, x: Floats, *, exact: bool) -> bool:
-        """Whether the DM gives control back at a state: at its exact estimate, or at any one."""
+        """Whether the DM gives control back at a state, on its exact estimate or on all of them."""
         if self.case.problem.computed:
             target = self.grid.found.target
-            return target is not None and self._all_hold(target, x)
+            return target is not None and self._lies_in_all_cells_around(target, x)
         if exact:
             return self.model.safer(x)
         box = self.case.forms.whole.copy()
@@ -439,18 +438,18 @@ class _WayBackSearch:
     ) -> _RunEnd | None:
         holds = WALK_HOLDS * self.model.inputs.period_ns / 1e9
         trace = run_of_sc(model, start, pattern, holds, go_on)
-        if pattern.any and not go_on():
+        if pattern.is_disturbed and not go_on():
             return None
         pairs = zip(trace.times, trace.states, strict=True)
         late = [x for t, x in pairs if t >= 0.75 * trace.times[-1]]
-        wrong = sum(not self._gives_back(x, exact=not pattern.any) for x in late)
+        wrong = sum(not self._gives_back(x, exact=not pattern.is_disturbed) for x in late)
         ends = np.min(late, axis=0), np.max(late, axis=0)
         return _RunEnd(trace, pattern, wrong / len(late), *ends)
 
     def _end_in_words(self, end: _RunEnd) -> str:
         model, low, high = self.model, end.low, end.high
         still = (high - low <= STILL * np.maximum(model.high - model.low, 1e-300)).all()
-        every = zip(model.names, low, high, strict=True)
+        every = zip(model.state_names, low, high, strict=True)
         between = ", ".join(
             f"{n} = {without_rounding(a):.4g} and {without_rounding(b):.4g}" for n, a, b in every
         )
@@ -459,4 +458,4 @@ class _WayBackSearch:
         chosen = ", ".join(pattern_text(model, end.pattern))
         against = f"with {chosen} " if chosen else ""
         text = f"{against}{at} after {end.trace.times[-1]:.4g} s: `safer` does not hold there"
-        return text + " of every estimate" * end.pattern.any
+        return text + " of every estimate" * end.pattern.is_disturbed

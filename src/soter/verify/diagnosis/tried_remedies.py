@@ -1,10 +1,10 @@
-"""Advice for a module that is not proved: changes are tried before they are advised, and costed.
+"""Tries changes of a module that is not proved, advises those that help, and measures their cost.
 
-Purpose: `diagnose` is one loop: make a change that a person could make (a row of `variations.py`),
-prove again within a limit of CPU time, on merged cells first, and keep the change if it helps. The
-advice says which changes helped, which did not, and which were not tried. `enter_cost` runs the
-system as it is and as it would be with the changes, and compares takeovers a minute, AC's share of
-the time and the bytes of the DM's tables.
+Purpose: `diagnose` makes one change after the other that a person could make (the rows of
+`variations.py`), proves again within a limit of CPU time, on merged cells first, and keeps a change
+that helps. The advice says which changes helped, which did not, and which were not tried.
+`enter_cost` runs the system without and with the changes, and compares takeovers a minute, AC's
+share of the time and the bytes of the DM's tables.
 Non-goals: verdicts: nothing of it is claimed of the program as it is; other laws, other plants;
 costs in systems with externs, which `soter verify` never runs.
 """
@@ -24,7 +24,7 @@ from soter.diagnostics.current_phase import (
     cancelled_when,
     phase,
     share_done,
-    telling,
+    shares_to,
     within_phase,
 )
 from soter.diagnostics.diagnostic import SoterError
@@ -53,8 +53,8 @@ from soter.verify.diagnosis.open_claims import HABIT, REST, explain_open_claims
 from soter.verify.diagnosis.vacuity import worst_vacuity
 from soter.verify.diagnosis.variations import CALMER, HALF, OTHERS, NotProved, remedies
 from soter.verify.enclose.enclosure_emitter import EnclosureError
-from soter.verify.grid.case import settled_in_words
-from soter.verify.grid.grid_refinement import cell_count, with_merged_cells
+from soter.verify.grid.case import verdicts_in_words
+from soter.verify.grid.grid_refinement import cell_count, coarser_problem
 from soter.verify.grid.group_model import UnboundedError
 from soter.verify.problem.extract import extract
 
@@ -71,15 +71,15 @@ if TYPE_CHECKING:
 
 SEED = 1
 UNTIL_NS, PERIODS = 60_000_000_000, 200
-"""Runs end after this time in ns, or after this many periods of the DM, if that is later."""
+"""Runs end after this time in ns, or after so many periods of the DM if that is later."""
 SLICE_NS, SLICES = 1_000_000_000, 1000
-"""After this much time in ns the CPU time is looked at; this often at most."""
+"""The simulated time in ns after which the CPU time is checked, and how often that is at most."""
 CPU_S = 5.0
-"""The CPU seconds that both runs get together, with the tables that they need."""
+"""The CPU seconds of both runs together, with the tables that they need."""
 
 
 def enter_cost(result: ModuleResult, fresh: Callable[[], System]) -> None:
-    """Enters the cost of changes that prove every claim, beside the advice to make them.
+    """Enters the cost of the advised changes, if these prove every claim.
 
     For a module that is proved it enters the cost of smaller cells and fewer levels. `fresh` makes
     the system in which it was proved, as it flies.
@@ -104,7 +104,7 @@ def enter_cost(result: ModuleResult, fresh: Callable[[], System]) -> None:
 def _cost_of_remedy(
     problem: Problem | None, remedied: Problem, fresh: Callable[[], System]
 ) -> RemedyCost:
-    """The cost of `remedied` against `problem`, None where that has no tables to fly."""
+    """The cost of `remedied` against `problem`, which is None if it has no tables to fly."""
     flat, ends = fresh(), time.process_time() + CPU_S
     if problem is not None and remedied.module.sc != problem.module.sc:
         return RemedyCost(flat.name, not_measured="it is a module with other controllers")
@@ -115,9 +115,9 @@ def _cost_of_remedy(
         return RemedyCost(flat.name, not_measured=why)
     until_ns = min(flat.until_ns, max(UNTIL_NS, PERIODS * remedied.times.delta_dm))
     try:
-        with telling(None), cancelled_when(lambda: time.process_time() > ends):
+        with shares_to(None), cancelled_when(lambda: time.process_time() > ends):
             before = None if problem is None else _flown_figures(flat, problem, until_ns)
-            changed = _remedied_system(fresh(), problem or remedied, remedied)
+            changed = _system_with_remedy(fresh(), problem or remedied, remedied)
             after = _flown_figures(changed, remedied, until_ns)
     except CancelledError:
         why = f"its runs, and the tables that they need, take more than {CPU_S:g} s of CPU time"
@@ -131,12 +131,12 @@ def _cost_of_remedy(
 
 
 def _plant_numbers(problem: Problem) -> object:
-    """The numbers that a run takes from the plants, so that changes of them cannot be run."""
+    """The numbers of the plants that a run needs: no system with changed ones can be run."""
     return problem.initial, problem.disturbances, problem.errors
 
 
 def _why_not_run(flat: System, problem: Problem) -> str:
-    """Why the system is not run; "" where it is."""
+    """Why the system is not run to measure a cost; "" where it is."""
     asked = [x.name for x in flat.components if x.extern]
     asked += [f.source_name for f in lower(flat).functions if f.result is None]
     if asked:
@@ -150,15 +150,12 @@ def _why_not_run(flat: System, problem: Problem) -> str:
 
 
 def _modules_of_declaration(flat: System, problem: Problem) -> list[Module]:
-    """The modules of the system with the same declaration.
-
-    They are found by its name: the text of the system may have other hints since.
-    """
+    """The modules of the system with that declaration, by its name, as hints may have changed."""
     return [m for m in flat.modules if m.symbol.name == problem.module.symbol.name]
 
 
-def _remedied_system(flat: System, problem: Problem, remedied: Problem) -> System:
-    """A fresh system with the ages that were tried, and without predicates that were left out."""
+def _system_with_remedy(flat: System, problem: Problem, remedied: Problem) -> System:
+    """The system with the ages that the remedy has, and without predicates that it leaves out."""
     ages = {
         now.symbol.name: now.max_age_ns
         for now, was in zip(remedied.system.topics, problem.system.topics, strict=True)
@@ -176,12 +173,12 @@ def _remedied_system(flat: System, problem: Problem, remedied: Problem) -> Syste
 
 
 def _flown_figures(flat: System, tried: Problem, until_ns: int) -> FlownFigures | None:
-    """The figures of a run with predicates computed for `tried`; None: none could be computed."""
+    """The figures of a run with predicates computed for `tried`; None if there are no tables."""
     (module,) = _modules_of_declaration(flat, tried)
     count = 0
     if module in modules_to_complete(flat):
-        own = extract(faultless(flat), module)
-        problem = replace(own, groups=tried.groups, states=tried.states, levels=tried.levels)
+        declared = extract(faultless(flat), module)
+        problem = replace(declared, groups=tried.groups, states=tried.states, levels=tried.levels)
         problem = replace(problem, declared_groups=tried.declared_groups)
         problem = replace(problem, levels_open=tried.levels_open, cells_open=tried.cells_open)
         problem, sets = find_sets(problem)
@@ -198,7 +195,7 @@ def _flown_figures(flat: System, tried: Problem, until_ns: int) -> FlownFigures 
     program = Library(library(unit), unit.prefix, unit.layout.size)
     state = program.new_state(SEED)
     for until in (*range(0, until_ns, max(SLICE_NS, until_ns // SLICES)), until_ns):
-        program.run(state, until)
+        program.run_until(state, until)
         share_done(until / until_ns)
     last = state.view(state_dtype(unit.layout))[0]
     often = int(last["modules"][module.index]["to_sc"]) / (until_ns / 60e9)
@@ -206,12 +203,12 @@ def _flown_figures(flat: System, tried: Problem, until_ns: int) -> FlownFigures 
 
 
 LEAST_S, OF_PROOF, SHOWN_S = 16.0, 1.0, 12.0
-"""CPU seconds for all trials of a module: this many, or this often the time of the proof, and this
-many more for the runs that explain why it is open."""
+"""CPU seconds for all trials of a module: the greater of `LEAST_S` and `OF_PROOF` times the time of
+the proof, and `SHOWN_S` for the runs that explain why it is open."""
 COARSE = 40_000
 """The number of cells of a group on which a change is tried first."""
 PILOT, LONGER = 1_500, 4.0
-"""For a run with AC in SC's place: the number of cells, and how often as long as SC's it lasts."""
+"""For a run with AC as SC: the number of cells, and its length in lengths of SC's own run."""
 CHAIN_MAX = 3
 """The most changes that are made together."""
 ORDER = ("P2a", "ttf", "safer", "start", "P2b")
@@ -221,12 +218,12 @@ WORDS = {
     "wider ranges": "a longer axis",
     "smaller errors": CALMEST,
 }
-"""The first words of hints that a remedy stands for: if it was tried in vain they are dropped."""
+"""For the first words of a hint the remedy that is the same; if that is in vain the hint goes."""
 SEARCHED = "in vain: other cells, in the search whose tries are listed"
 OTHERS_FOUND = "other grids, or `rest`: `soter verify` without `--budget 0` looks for them"
-"""Where all that is suggested was tried in vain; a search in vain takes it back."""
+"""The hint where all that is suggested was tried in vain; a search in vain removes it."""
 NOT_TRIED = "(not tried)"
-"""Stands behind a suggestion with which the module was not proved."""
+"""The mark of a suggestion that was not tried."""
 
 
 class Trials:
@@ -236,8 +233,8 @@ class Trials:
         self._attempt = attempt
         self._until = time.process_time() + SHOWN_S + max(LEAST_S, OF_PROOF * cpu_s)
 
-    def failing(self, problem: Problem) -> tuple[str, ...] | None:
-        """The claims that are not proved of a problem, in order; None: it could not be verified.
+    def failing_claims(self, problem: Problem) -> tuple[str, ...] | None:
+        """The claims of a problem that are not proved, in order; None if it was not verified.
 
         An AC that never has control counts as a failure of `ttf`.
         """
@@ -253,7 +250,7 @@ class Trials:
         if not self.go_on():
             return None
         try:
-            # of a proof that is tried nobody waits for P2a
+            # no progress is shown of the claims of a tried proof
             with within_phase(), cancelled_when(lambda: not self.go_on()):
                 done = self._attempt(problem)
         except (CancelledError, UnboundedError, SoterError, EnclosureError):
@@ -262,7 +259,7 @@ class Trials:
 
     def stays_longer(self, problem: Problem, leaving: LeavingRun | None) -> bool:
         """Whether the undisturbed run of a problem stays in C longer than `leaving` did."""
-        done = self._cases_in_time(with_merged_cells(problem, PILOT))
+        done = self._cases_in_time(coarser_problem(problem, PILOT))
         if leaving is None or not done:
             return False
         model, until_s = PointModel(done[0]), LONGER * float(leaving.time_s[-1])
@@ -275,13 +272,13 @@ class Trials:
 
 
 def ordered_trials(changes: Iterable[Remedy]) -> list[tuple[Remedy, Problem]]:
-    """The trials of some changes, by cost and cells: each change on merged cells, then as it is.
+    """The trials of some changes, by cost and cells: each on merged cells, then on its own.
 
-    So one grid with many cells does not take the time from changes that would have been quick.
+    So a grid with many cells does not use up the time of quick changes.
     """
     trials = []
     for change in changes:
-        coarse = with_merged_cells(change.problem, COARSE)
+        coarse = coarser_problem(change.problem, COARSE)
         if coarse.groups != change.problem.groups:
             trials.append((change, coarse))
         trials.append((change, change.problem))
@@ -289,9 +286,9 @@ def ordered_trials(changes: Iterable[Remedy]) -> list[tuple[Remedy, Problem]]:
 
 
 def diagnose(done: Sequence[Case], result: ModuleResult, cpu_s: float, attempt: Attempt) -> None:
-    """Explains what is not proved, tries changes and enters the advice.
+    """Explains the claims that are not proved, tries changes and enters the advice.
 
-    Also a refuted SC is explained. `cpu_s`: the CPU seconds that the proof took.
+    It explains a refuted SC, too. `cpu_s`: the CPU seconds that the proof took.
     """
     failing = tuple(c for c in ORDER if not result.findings[c].holds)
     findings = [result.findings[c] for c in failing]
@@ -304,7 +301,7 @@ def diagnose(done: Sequence[Case], result: ModuleResult, cpu_s: float, attempt: 
     p2a = result.findings["P2a"]
     of_sc = p2a.verdict == REFUTED or any(c.kind == HABIT for c in p2a.causes)
     helped = _KeptChanges(NotProved(result.problem, failing, done, p2a.leaving, of_sc))
-    while helped.found.failing and len(helped.said) < CHAIN_MAX and helped.try_one_more(trials):
+    while helped.found.failing and len(helped.advice) < CHAIN_MAX and helped.try_one_more(trials):
         pass
     helped.enter(result, failing)
 
@@ -313,15 +310,15 @@ def _first_verdict(result: ModuleResult) -> str:
     """The verdicts so far, to be shown before anything is tried."""
     worst = [n for n, f in result.findings.items() if f.verdict == result.verdict]
     head = f"{result.name} is {result.verdict.upper()} ({', '.join(worst)})"
-    return "\n".join((f"{head}; looking for the cause, and what helps", *settled_in_words(result)))
+    return "\n".join((f"{head}; looking for the cause, and what helps", *verdicts_in_words(result)))
 
 
 class _KeptChanges:
-    """The changes kept so far, each made on top of the ones before."""
+    """The changes that were kept so far, each one made beside those before it."""
 
     def __init__(self, found: NotProved) -> None:
         self.found = found
-        self.said: list[str] = []
+        self.advice: list[str] = []
         self.in_vain: dict[str, None] = {}
         self.untried: dict[str, None] = {}
 
@@ -333,41 +330,41 @@ class _KeptChanges:
                 continue
             if remedy.cost == OTHERS and not trials.stays_longer(tried, found.leaving):
                 continue
-            phase(f"{found.problem.name}: trying {remedy.said}")
-            now, as_it_is = trials.failing(tried), tried is remedy.problem
+            phase(f"{found.problem.name}: trying {remedy.advice}")
+            now, as_it_is = trials.failing_claims(tried), tried is remedy.problem
             if now == () or (
                 as_it_is and now is not None and _helps_in_part(remedy, now, found.failing)
             ):
-                self.said.append(remedy.said)
-                self.in_vain.pop(remedy.said, None)
+                self.advice.append(remedy.advice)
+                self.in_vain.pop(remedy.advice, None)
                 self.found = replace(found, problem=remedy.problem, failing=now)
                 return True
             if as_it_is and now is not None:
-                self.in_vain[remedy.said] = None
-            elif as_it_is and not trials.go_on() and remedy.said not in self.in_vain:
-                # else it is no problem
-                self.untried[remedy.said] = None
+                self.in_vain[remedy.advice] = None
+            elif as_it_is and not trials.go_on() and remedy.advice not in self.in_vain:
+                # with time left, None means that it is no problem
+                self.untried[remedy.advice] = None
         return False
 
     def _is_made(self, remedy: Remedy) -> bool:
-        """Whether a change was kept already, or a narrower world in its place."""
-        return remedy.said in self.said or (remedy.cost == HALF and CALMEST in self.said)
+        """Whether a change, or a still narrower world, was kept already."""
+        return remedy.advice in self.advice or (remedy.cost == HALF and CALMEST in self.advice)
 
     def enter(self, result: ModuleResult, failing: Sequence[str]) -> None:
         """Enters the advice at the first claim that is not proved."""
         left, joined = self.found.failing, "; ".join
         first = result.findings[failing[0]]
-        if self.said:
+        if self.advice:
             first.remedied = None if left else self.found.problem
             then = f"all but {', '.join(left)} proved" if left else "every claim is proved"
-            first.tried.append(f"with {joined(self.said)}: {then}")
+            first.tried.append(f"with {joined(self.advice)}: {then}")
             untried = "" if "(tried" in first.hint else f" {NOT_TRIED}"
             otherwise = f"; or {first.hint}{untried}" if left and first.hint else ""
-            first.hint = f"{'; and '.join(self.said)} (tried: {then}){otherwise}"
+            first.hint = f"{'; and '.join(self.advice)} (tried: {then}){otherwise}"
             for claim in failing[1:] if not left else ():
                 result.findings[claim].hint = f"as for `{failing[0]}`: with that it is proved, too"
         words = [w for w, of in WORDS.items() if any(r.startswith(of) for r in self.in_vain)]
-        parts = [p for p in first.hint.split("; ") if self.said or not p.startswith(tuple(words))]
+        parts = [p for p in first.hint.split("; ") if self.advice or not p.startswith(tuple(words))]
         first.hint = joined(parts) or OTHERS_FOUND
         if self.in_vain:
             first.tried.append(f"in vain: {joined(self.in_vain)}")
@@ -379,8 +376,8 @@ class _KeptChanges:
 
 
 def _helps_in_part(remedy: Remedy, now: Sequence[str], left: Sequence[str]) -> bool:
-    """Whether a change is kept though claims fail; of narrower worlds only the narrowest is."""
-    return (remedy.cost != HALF or remedy.said == CALMEST) and _fewer_claims_fail(now, left)
+    """Whether a change is kept though claims still fail; of narrower worlds only the narrowest."""
+    return (remedy.cost != HALF or remedy.advice == CALMEST) and _fewer_claims_fail(now, left)
 
 
 def _fewer_claims_fail(now: Sequence[str], left: Sequence[str]) -> bool:
@@ -390,7 +387,7 @@ def _fewer_claims_fail(now: Sequence[str], left: Sequence[str]) -> bool:
 
 
 def remove_tried_advice(results: Sequence[ModuleResult], searches: Sequence[ProofSearch]) -> None:
-    """Removes advice that a search has already tried in vain: smaller cells, a search."""
+    """Removes advice that searches have tried in vain: smaller cells, another search."""
     in_vain = {s.module: s.cells_in_vain for s in searches if not s.proved}
     for name, finding in ((r.name, f) for r in results for f in r.findings.values()):
         words = (REST, OTHERS_FOUND, *["smaller cells"] * in_vain.get(name, False))

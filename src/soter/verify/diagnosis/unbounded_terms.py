@@ -1,9 +1,9 @@
 """Names the quotient or root in a plant that has no finite range over the grid.
 
-Purpose: `term_without_bound` finds it where the dynamics have no finite enclosure, by the ranges of
-the states on their axes.
+Purpose: where the dynamics have no finite enclosure, `term_without_bound` finds that term by the
+ranges of the states on their axes.
 Non-goals: the enclosure itself (`verify/enclose/`), which may be finite where these ranges are not,
-or the other way round; what a function of the program, or of the prelude, does inside.
+or the other way round; terms inside functions of the program or the prelude.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class _Ranges(RangeEvaluator):
-    """Ranges in which a sine or cosine, which is a polynomial of the prelude, is one."""
+    """Evaluates ranges; a sine or cosine, a polynomial in the prelude, has the range [-1, 1]."""
 
     EXPRESSIONS: ClassVar[dict[type, Any]] = {
         **RangeEvaluator.EXPRESSIONS,
@@ -34,17 +34,17 @@ class _Ranges(RangeEvaluator):
 
 
 def term_without_bound(problem: Problem) -> tuple[str, str] | None:
-    """The term, and its divisor (or what a root is taken of), in words; None: none was found."""
+    """The term, and its divisor or the argument of its root, in words; None if none is found."""
     for c in (c for c in problem.system.components if c.plant is not None):
         try:
-            if found := _term_of(problem, c):
+            if found := _unbounded_term_of_plant(problem, c):
                 return found
         except TooHardError:
             continue
     return None
 
 
-def _term_of(problem: Problem, c: Component) -> tuple[str, str] | None:
+def _unbounded_term_of_plant(problem: Problem, c: Component) -> tuple[str, str] | None:
     evaluator, plant = _Ranges(c.scope, c.period_ns, reader_of_sets(problem.system)), c.plant
     assert plant is not None
     names = {v.name: v for v in (*plant.states, *(d.variable for d in plant.disturbances))}
@@ -55,11 +55,11 @@ def _term_of(problem: Problem, c: Component) -> tuple[str, str] | None:
             evaluator.variables[names[leaf.member]] = Range(ends.low, ends.high)
     lets = dict(plant.lets)
     for variable, e in (*lets.items(), *plant.der.items(), *plant.next.items()):
-        for part in reversed(list(nodes([e]))):  # parts before what they are parts of
+        for part in reversed(list(nodes([e]))):  # inner terms before outer ones
             of = _part_that_must_not_be_zero(part)
             if of is None or not isinstance(part, t.TypedExpr):
                 continue
-            r = evaluator.number(of)
+            r = evaluator.bounds(of)
             if not (isfinite(r.low) and isfinite(r.high)) or (r.low <= 0.0 <= r.high):
                 where = f"`{of.span.text}`, which by ranges may be anything in [{r.low:.4g}, "
                 return f"`{part.span.text}`", f"{where}{r.high:.4g}]"
@@ -69,7 +69,7 @@ def _term_of(problem: Problem, c: Component) -> tuple[str, str] | None:
 
 
 def _part_that_must_not_be_zero(part: object) -> t.TypedExpr | None:
-    """The part that must not be 0, or below: the divisor of a quotient, the argument of a root."""
+    """The part of a term that must not be 0 or below: a divisor, or the argument of a root."""
     if isinstance(part, (t.TypedBinary, t.Vector)) and part.op == "/":
         return part.right
     return part.arguments[0] if isinstance(part, t.Builtin) and part.name == "sqrt" else None

@@ -1,9 +1,9 @@
-"""Whether a proof says anything: how often AC can have control at all.
+"""Finds proofs that say little, as AC can never, or hardly ever, have control.
 
-Purpose: `worst_vacuity` computes, for each group and combination of parameter values, on how much
-of K (the states that SC keeps) `ttf` and `safer` let AC have control, and puts the least share into
-words for a headline if it is nothing, or hardly anything. *Never* is enclosed: it holds of every
-state. *Hardly ever* is measured: as a share of cells, or of states drawn from K.
+Purpose: `worst_vacuity` computes, for each group and combination of parameter values, the share of
+K (the states that SC keeps) on which `ttf` and `safer` let AC have control. It puts the least share
+into words for a headline if it is zero or tiny. *Never* is shown by enclosures, for every state.
+*Hardly ever* is measured as a share of cells, or of states drawn from K.
 Non-goals: verdicts: a proof about an empty set is a proof.
 """
 
@@ -20,7 +20,7 @@ from soter.language.model.typed import AgeRead
 from soter.language.model.types import show_ns
 from soter.verify.claims.product_sets import points_to_try
 from soter.verify.claims.results import PROVED, Vacuity
-from soter.verify.problem.inputs import errors_of
+from soter.verify.problem.inputs import errors_by_state
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -36,11 +36,11 @@ RARE_SHARE = 0.01
 """Below this share of a group's K (of C_g for K itself) a headline says so: decision 45."""
 DRAWN = 2000
 ENOUGH = 0.1
-"""Drawing ends early where this share of at least `FEW` states lets AC have control."""
+"""Drawing ends early if this share of at least `FEW` states lets AC have control."""
 FEW = 100
 ANCHORS_MAX = 4
 LETS = {"ttf": 1, "safer": 2}
-"""The bit of a predicate's truth that means: AC may have control."""
+"""The bit of a predicate's truth which says that AC may have control."""
 OF_NOTHING, EVERY_VALUE = "of nothing: ", "every parameter value"
 NEVER, HARDLY_EVER, NOT_SHOWN = "never", "hardly ever", "not shown"
 OF_FRESH = "of whatever is fresh"
@@ -48,12 +48,12 @@ HOLDS_ANYWAY = "`safe` holds of all values that its topics may have: it says not
 
 
 def worst_vacuity(done: Sequence[Case]) -> Vacuity | None:
-    """The worst vacuity of all cases; None: the proof says something, and AC can have control."""
+    """The worst vacuity of all cases; None if AC can have control, so that the proof says much."""
     if done and (nothing := _vacuous_safe(done[0].problem)):
         return nothing
     every = [(case, case_vacuity) for case in done for case_vacuity in _vacuities_of_case(case)]
     if not every:
-        return _never_given(done)
+        return _vacuity_without_return(done)
     worst = min((v for _, v in every), key=lambda v: (v.how_often != NEVER, v.share))
     if len(done) == 1:
         return worst
@@ -71,7 +71,7 @@ def worst_vacuity(done: Sequence[Case]) -> Vacuity | None:
 
 
 def vacuity_of_nodes(problem: Problem, never: str) -> Vacuity | None:
-    """The vacuity of a proof by induction, or None; `never`: as `Induction` has it."""
+    """The vacuity of a proof by induction, or None; `never`: the field of `Induction`."""
     if nothing := _vacuous_safe(problem):
         return nothing
     if never == "fails":
@@ -94,7 +94,7 @@ def vacuity_of_rest(problem: Problem, at_the_start: str) -> Vacuity | None:
 
 
 def tell_vacuity_in_row(result: ModuleResult) -> None:
-    """Makes the row of a claim that is proved, but about nothing, say so."""
+    """Changes the text of a claim that is proved, but about nothing, so that it says so."""
     vacuity, rows = result.vacuity, {"safe": "P2a", "ttf": "ttf", "safer": "safer"}
     if vacuity is None or vacuity.how_often != NEVER or vacuity.what not in rows:
         return
@@ -121,10 +121,10 @@ def _vacuities_of_case(case: Case) -> Iterator[Vacuity]:
     """The vacuities of one case; empty where it has no K."""
     if case.failures_of("P2a"):
         return
-    yield from _small_core(case)
+    yield from _vacuities_of_small_core(case)
     free = _least_free_share(case)
     for predicate in ("safer", "ttf"):
-        if predicate == "ttf" and _taken_by_age(case):
+        if predicate == "ttf" and _is_taken_by_age(case):
             yield Vacuity(NEVER, "ttf", 0.0, _why_no_control(case, "ttf", empty=False, of=OF_FRESH))
             continue
         if _never_lets_control(case, predicate):
@@ -135,11 +135,11 @@ def _vacuities_of_case(case: Case) -> Iterator[Vacuity]:
         least_share = min(_control_shares(case, predicate), default=1.0)
         if least_share < RARE_SHARE:
             yield Vacuity(HARDLY_EVER, predicate, least_share, _rarity_text(predicate, least_share))
-    yield from _never_kept(case)
+    yield from _vacuities_without_keeping(case)
 
 
-def _never_kept(case: Case) -> Iterator[Vacuity]:
-    """The vacuity that `ttf` takes control back (almost) wherever `safer` gives it."""
+def _vacuities_without_keeping(case: Case) -> Iterator[Vacuity]:
+    """The vacuities of groups where `ttf` takes control back (almost) wherever `safer` gives it."""
     for proof in case.proofs:
         share, anything = proof.overlap_of_predicates or (1.0, True)
         if share < RARE_SHARE:
@@ -149,7 +149,7 @@ def _never_kept(case: Case) -> Iterator[Vacuity]:
             yield Vacuity(how, "safer", share, text)
 
 
-def _small_core(case: Case) -> Iterator[Vacuity]:
+def _vacuities_of_small_core(case: Case) -> Iterator[Vacuity]:
     for proof in case.proofs:
         share = proof.core_share
         if share is not None and share < RARE_SHARE:
@@ -169,7 +169,7 @@ def _why_no_control(case: Case, predicate: str, *, empty: bool, of: str = "every
 
 
 def _rarity_text(predicate: str, share: float) -> str:
-    """Words on what hardly ever happens; a share of 0 among drawn states does not prove "never"."""
+    """The words for a small share; a share of 0 of the drawn states does not prove "never"."""
     much = f"{share:.2%}" if share > 0.0 else "none of the states drawn"
     verb = "keeps" if predicate == "ttf" else "gets"
     says = "`ttf` is false" if predicate == "ttf" else "`safer` holds"
@@ -182,25 +182,25 @@ def _least_free_share(case: Case) -> float:
 
 def _never_lets_control(case: Case, predicate: str) -> bool:
     """Whether surely no estimate of a state of K lets AC have control: enclosed, not sampled."""
-    if any(p.excludes(predicate) for p in case.proofs):
+    if any(p.never_lets_ac(predicate) for p in case.proofs):
         return True
     if case.problem.computed:
-        return False  # an empty set is a failure of its own
+        return False  # an empty set is reported as a failure
     box = case.forms.whole.copy()
     return not case.forms.truth(predicate, box) & LETS[predicate]
 
 
-def _taken_by_age(case: Case) -> bool:
-    """Whether `ttf`, with the parts about ages, which proofs leave out, holds on all of K.
+def _is_taken_by_age(case: Case) -> bool:
+    """Whether all of `ttf`, with its parts about ages, which proofs leave out, holds on all of K.
 
-    Every age is looked at that a fresh read may have: up to `max_age`, and up to the proof's A.
+    All ages of a fresh read are covered: up to `max_age`, and up to the proof's A.
     """
     problem, ttf = case.problem, case.problem.module.symbol.ttf
     if ttf is None or not any(isinstance(n, AgeRead) for n in nodes([ttf])):
         return False
     ages = fresh_ages_ns(problem.system, problem.module, problem.times.age_dm)
     ends = dict(enumerate(case.forms.whole.tolist()))
-    off = errors_of(problem)
+    off = errors_by_state(problem)
     within = {
         leaf: (ends[s][0] - off.get(s, 0.0), ends[s][1] + off.get(s, 0.0))
         for s, leaf in problem.topic_leaf_of_state.items()
@@ -210,20 +210,20 @@ def _taken_by_age(case: Case) -> bool:
 
 
 def _control_shares(case: Case, predicate: str) -> Iterator[float]:
-    """For each group the share of its K that lets AC have control, with others at their best."""
+    """For each group the share of its K that lets AC have control, if other groups are at best."""
     for proof in case.proofs:
-        share = proof.lets_share(case, predicate)
+        share = proof.share_of_core_with_ac(case, predicate)
         if share is not None:
             yield share
     if case.problem.computed:
         return
     drawer = _StateDrawer(case, predicate)
-    for own in case.proofs:
-        yield drawer.share(own)
+    for proof in case.proofs:
+        yield drawer.share(proof)
 
 
 class _StateDrawer:
-    """Draws states of K group by group, and evaluates a predicate on estimates of them."""
+    """Draws states of K group by group, and evaluates a predicate on their estimates."""
 
     def __init__(self, case: Case, predicate: str) -> None:
         self.case, self.predicate = case, predicate
@@ -232,19 +232,19 @@ class _StateDrawer:
         self.drawn = {id(g): g.random_states(self.chance, DRAWN) for g in self.groups}
         self.anchors = self._anchors()
 
-    def share(self, own: GridProof) -> float:
-        """The share of one group's states, with other groups at that anchor where it is largest."""
+    def share(self, proof: GridProof) -> float:
+        """The largest share of one group's states, over the anchors at which other groups are."""
         best = 0.0
         for anchor in self.anchors:
-            best = max(best, self._share_at(own, anchor))
+            best = max(best, self._share_at(proof, anchor))
             if best >= RARE_SHARE:
                 break
         return best
 
-    def _share_at(self, own: GridProof, anchor: Floats) -> float:
-        states = [a.state for a in own.group.axes]
+    def _share_at(self, proof: GridProof, anchor: Floats) -> float:
+        states = [a.state for a in proof.group.axes]
         count = 0
-        for k, values in enumerate(self.drawn[id(own)], 1):
+        for k, values in enumerate(self.drawn[id(proof)], 1):
             point = anchor.copy()
             point[states] = values
             count += self._lets_control(point)
@@ -253,7 +253,7 @@ class _StateDrawer:
         return count / DRAWN
 
     def _lets_control(self, point: Floats) -> bool:
-        """Whether some estimate of the state lets AC have control, in some mode of others."""
+        """Whether an estimate of a state lets AC have control, in some mode of other modules."""
         whole = self.case.forms.whole
         box = np.repeat(self.chance.uniform(whole[:, :1], whole[:, 1:]), 2, axis=1)
         box[: len(point)] = point[:, None]
@@ -262,7 +262,7 @@ class _StateDrawer:
         return bool(truth & wanted) if self.case.problem.modes else truth & 3 == wanted
 
     def _anchors(self) -> list[Floats]:
-        """Places for the other groups: usual points, and drawn ones at which AC has control."""
+        """States for the other groups: usual points, and drawn ones at which AC has control."""
         anchors = points_to_try(self.case.problem)
         if len(self.groups) < 2:
             return anchors[:1]
@@ -277,15 +277,15 @@ class _StateDrawer:
         return anchors[::-1]
 
 
-def _never_given(done: Sequence[Case]) -> Vacuity | None:
-    """The vacuity that SC has control at the start and no claim says that it ever gives it."""
-    if not note_on_start(done) or not (clause := done[0].problem.module.symbol.stays):
+def _vacuity_without_return(done: Sequence[Case]) -> Vacuity | None:
+    """The vacuity that SC has control at the start, and no claim says that it ever gives it."""
+    if not note_on_start(done) or not (clause := done[0].problem.module.symbol.stay_clause):
         return None
     why = f"at the start `safer` does not hold, and P2b is not asked: `{clause}`"
     return Vacuity(NOT_SHOWN, "safer", 0.0, f"nothing says that AC ever gets control ({why})")
 
 
-def _refused_at_start(case: Case) -> bool:
+def _is_refused_at_start(case: Case) -> bool:
     """Whether the declared `safer` holds on no estimate of an initial state."""
     if case.problem.computed:
         return False
@@ -295,14 +295,14 @@ def _refused_at_start(case: Case) -> bool:
 
 
 def note_on_start(done: Sequence[Case]) -> str:
-    """A note that AC cannot have control at the start, where `safer` does not hold; "": it may.
+    """A note that AC cannot have control at the start, as `safer` does not hold; "" if it may.
 
-    It is "" without K, or where a computed `safer` holds nowhere, too.
+    It is also "" without a K, or where a computed `safer` holds nowhere.
     """
     for case in done:
         empty = case.failures_of("P2a") or (case.problem.computed and case.failures_of("safer"))
         if empty or not case.problem.may_start_with(case.parameter):
             continue
-        if any(p.waits_at_start(case) for p in case.proofs) or _refused_at_start(case):
+        if any(p.waits_at_start(case) for p in case.proofs) or _is_refused_at_start(case):
             return "at the start `safer` does not hold: SC has control until the state is there"
     return ""

@@ -1,11 +1,10 @@
-"""The table of changes that may help to prove a problem.
+"""Lists the changes that may help to prove a problem, and makes the changed problems.
 
 Purpose: each row of `VARIATIONS` has the words for a change, the function that makes the changed
 problems, the claims at which it may help, and its cost. A changed `Problem` is the one that the
-changed program would have; there is none where that is no problem, or where the module cannot be
-read again from its verification system alone (views, `abstracts`, modes, a fail-safe law).
-`remedies` gives the changes for a module; `with_other_periods` the problem with other periods, for
-`period_advice.py`.
+changed program would have. There is none where that program poses no problem, or where the module
+cannot be read again from its verification system alone (views, `abstracts`, modes, a fail-safe
+law). `remedies` gives the changes for a module, and `problem_with_periods` other periods.
 Non-goals: verdicts: nothing here is claimed of the declared problem; which change helps
 (`tried_remedies.py`); laws, plants and predicates of another shape; changing the program's text;
 fewer cells (`grid/grid_refinement.py`).
@@ -27,7 +26,7 @@ from soter.language.model.types import DURATION, show_ns
 from soter.verify.claims.choose_cells_and_levels import CELLS_MAX
 from soter.verify.diagnosis.changed_runs import NARROWER
 from soter.verify.diagnosis.model_runs import TRUE, PointModel
-from soter.verify.grid.grid_refinement import cell_count, with_smaller_cells
+from soter.verify.grid.grid_refinement import cell_count, finer_problem
 from soter.verify.problem.extract import extract
 from soter.verify.problem.problem import Interval
 from soter.verify.tubes.tube_check import TubeCheck
@@ -48,12 +47,12 @@ if TYPE_CHECKING:
 
 
 LONGER = (0.1, 1.0)
-"""By which shares an axis is lengthened where K is lost at its end; the second where K is empty."""
+"""The shares by which an axis is lengthened at an end where K is lost; the second if K is empty."""
 SMALL = 4
-"""An axis is shortened that is more than so many times as long as where `safe` holds."""
+"""An axis is shortened if it is more than so many times as long as the part where `safe` holds."""
 CALMER = "disturbances and errors {}"
 BEYOND = 0.01
-"""As a share of an axis: how far beyond its end `safe` is evaluated."""
+"""The distance beyond an axis's end at which `safe` is evaluated, as a share of the axis."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +65,7 @@ class NotProved:
     done: Sequence[Case]
     leaving: LeavingRun | None
     of_sc: bool = False
-    """Whether runs show that SC itself is wrong, so that no other grid, age or world helps."""
+    """Whether runs show a fault of SC itself, so that no other grid, age or world helps."""
 
     @property
     def loses_core(self) -> bool:
@@ -78,8 +77,8 @@ class NotProved:
 class Variation:
     """A row of the table."""
 
-    said: str
-    """What to write; `{}` stands for the words of the single change."""
+    advice: str
+    """The words that say what to write; `{}` stands for the words of the single change."""
     changes: Callable[[NotProved], Iterator[Change]]
     without_core: bool
     """Whether it may help where K is empty."""
@@ -91,34 +90,34 @@ class Variation:
 
 @dataclass(frozen=True)
 class Remedy:
-    """A change of a module: what to write, and the changed problem."""
+    """A change of a module: advice on what to write, and the changed problem."""
 
-    said: str
+    advice: str
     problem: Problem
     cost: int
 
 
 def remedies(found: NotProved) -> Iterator[Remedy]:
-    """The changes in the table that may help where these claims fail."""
+    """The changes of the table that may help where these claims fail."""
     for row in VARIATIONS:
         if found.of_sc and row.cost != OTHERS:
             continue
         if row.without_core if found.loses_core else row.with_core:
             for problem, text in row.changes(found):
                 if problem is not None:
-                    yield Remedy(row.said.format(text), problem, row.cost)
+                    yield Remedy(row.advice.format(text), problem, row.cost)
 
 
-def _change_axes(found: NotProved) -> Iterator[Change]:
-    """Changes to axes that reach further, at ends where K is lost and `safe` still holds beyond."""
+def _longer_axes(found: NotProved) -> Iterator[Change]:
+    """Changes to longer axes, at ends where K is lost and beyond which `safe` still holds."""
     for part in LONGER if found.loses_core else LONGER[:1]:
-        longer = with_ends(found.problem, _longer_ends(found, part))
+        longer = problem_with_ends(found.problem, _longer_ends(found, part))
         if longer.groups != found.problem.groups and cell_count(longer) <= CELLS_MAX["P2a"]:
             yield longer, grid_lines_of(longer)
 
 
 def _longer_ends(found: NotProved, part: float) -> Ends:
-    """New ends by state, further out by `part` of the axis, where K is lost or a run leaves."""
+    """New ends of axes, by state, further out by the share `part` where K is lost or a run left."""
     ends: Ends = {}
 
     def lengthen(state: int, edges: Sequence[float], side: int) -> None:
@@ -144,7 +143,7 @@ def _declared_grids(done: Sequence[Case]) -> Iterator[tuple[GridProof, Case]]:
 
 
 def _losing_ends(model: PointModel, grid: GridProof) -> list[tuple[int, int]]:
-    """The ends where K is lost, beyond which `safe` holds: the axis and the side (0: low)."""
+    """The ends where K is lost, and beyond which `safe` holds: (number of the axis, 1 if high)."""
     sides = []
     lost = grid.found.allowed & ~(grid.found.core > 0)
     for k, axis in enumerate(grid.group.axes):
@@ -164,8 +163,8 @@ def _losing_ends(model: PointModel, grid: GridProof) -> list[tuple[int, int]]:
     return sides
 
 
-def _shorten_axes(found: NotProved) -> Iterator[Change]:
-    """The change that shortens axes on only a small part of which `safe` holds."""
+def _shorter_axes(found: NotProved) -> Iterator[Change]:
+    """The change that shortens each axis of which `safe` holds only on a small part."""
     ends: Ends = {}
     for grid, _ in _declared_grids(found.done):
         for k, axis in enumerate(grid.group.axes):
@@ -174,33 +173,33 @@ def _shorten_axes(found: NotProved) -> Iterator[Change]:
             if len(at) and SMALL * (at[-1] - at[0] + 1) < len(cells):
                 low, high = max(at[0] - 1, 0), min(at[-1] + 2, len(cells))
                 ends[axis.state] = axis.edges[low], axis.edges[high]
-    shorter = with_ends(found.problem, ends)
+    shorter = problem_with_ends(found.problem, ends)
     if shorter.groups != found.problem.groups:
         yield shorter, grid_lines_of(shorter)
 
 
-def _open_axis(found: NotProved) -> Iterator[Change]:
-    """The change of the axis by whose end a run leaves to `open`."""
+def _opened_axis(found: NotProved) -> Iterator[Change]:
+    """The change to `open` of the axis by whose end a run leaves."""
     left = found.leaving
     if left is not None and not left.safe:
-        opened = with_open_axis(found.problem, left.names.index(left.axis))
+        opened = problem_with_open_axis(found.problem, left.names.index(left.axis))
         yield opened, "" if opened is None else grid_lines_of(opened)
 
 
-def _change_predicates(found: NotProved) -> Iterator[Change]:
-    yield predicates_left_out(found.problem), ""
+def _predicates_left_out(found: NotProved) -> Iterator[Change]:
+    yield problem_without_predicates(found.problem), ""
 
 
-def _change_return(found: NotProved) -> Iterator[Change]:
+def _return_left_out(found: NotProved) -> Iterator[Change]:
     problem, symbol = found.problem, found.problem.module.symbol
-    if problem.computed and not symbol.stays and "P2b" in found.failing:
+    if problem.computed and not symbol.stay_clause and "P2b" in found.failing:
         verify = replace(symbol.verify, stays=symbol.span, recover=None)
         module = replace(problem.module, symbol=replace(symbol, verify=verify))
         yield _extract_again(problem, problem.system, module), ""
 
 
 def why_no_rest(problem: Problem) -> str:
-    """Why a tube cannot follow SC, whatever `rest` says, in words; "": it can."""
+    """Why no proof by tubes can follow SC, whatever `rest` says, in words; "" if one can."""
     symbol = problem.module.symbol
     if problem.kind != "flow" or symbol.shield:
         return "it is of plants that flow, and of modules without `shield`"
@@ -209,20 +208,20 @@ def why_no_rest(problem: Problem) -> str:
     symbol = replace(symbol, rest=anything, ttf=None, safer=None, topics_read=())
     module = replace(problem.module, symbol=symbol)
     try:
-        TubeCheck(cast("TubeProblem", problem_with(problem.system, module)))
+        TubeCheck(cast("TubeProblem", problem_of_changed_module(problem.system, module)))
     except SoterError as error:
         return error.diagnostics[0].message.rpartition("by tubes, and ")[2]
     return ""
 
 
-def _change_ages(found: NotProved) -> Iterator[Change]:
-    younger = younger_reads(found.problem)
+def _younger_reads(found: NotProved) -> Iterator[Change]:
+    younger = problem_with_younger_reads(found.problem)
     if younger is not None:
         yield younger[0], " and ".join(younger[1])
 
 
-def _change_start(found: NotProved) -> Iterator[Change]:
-    """The change to the nearest start from which SC is in time."""
+def _nearer_start(found: NotProved) -> Iterator[Change]:
+    """The change to the nearest start from which SC acts in time."""
     if "start" not in found.failing:
         return
     initial, texts = list(found.problem.initial), []
@@ -236,7 +235,7 @@ def _change_start(found: NotProved) -> Iterator[Change]:
 
 
 def _nearest_starts(case: Case, grid: GridProof) -> Iterator[tuple[int, float]]:
-    """New starts of states: of as few as can be, and as near as can be in widths of the grid."""
+    """New starts of as few states as possible, and as near as possible, as (state, value)."""
     times, engine = case.problem.times, grid.engine
     in_time = engine.cells_safe_for(case.problem.whole_periods(times.start), grid.found.core > 0)
     cells = np.argwhere(in_time)
@@ -255,14 +254,14 @@ def _nearest_starts(case: Case, grid: GridProof) -> Iterator[tuple[int, float]]:
         yield engine.axes[k], float(f"{moved[best, k]:.6g}")
 
 
-def _change_cells(found: NotProved) -> Iterator[Change]:
-    smaller = replace(with_smaller_cells(found.problem, found.problem.groups), declared_groups=())
+def _more_cells(found: NotProved) -> Iterator[Change]:
+    smaller = replace(finer_problem(found.problem, found.problem.groups), declared_groups=())
     if cell_count(smaller) <= CELLS_MAX["P2a"]:
         yield smaller, grid_lines_of(smaller)
 
 
-def _narrow_disturbances(found: NotProved) -> Iterator[Change]:
-    """Narrower disturbances and errors, to see whether they or SC are at fault."""
+def _narrower_disturbances(found: NotProved) -> Iterator[Change]:
+    """Changes to narrower disturbances and errors, which show whether these or SC are at fault."""
     p = found.problem
 
     def narrowed(ranges: tuple[Interval, ...], by: float) -> tuple[Interval, ...]:
@@ -279,41 +278,41 @@ def _narrow_disturbances(found: NotProved) -> Iterator[Change]:
             yield changed, text
 
 
-def _exchange_controllers(found: NotProved) -> Iterator[Change]:
-    """The change that puts AC in the place of SC, if a run of SC leaves `safe`."""
+def _exchanged_controllers(found: NotProved) -> Iterator[Change]:
+    """The change that exchanges AC and SC, if a run of SC leaves `safe`."""
     if found.leaving is not None and found.leaving.safe:
         symbol = found.problem.module.symbol
         yield (
-            with_controllers_exchanged(found.problem),
+            problem_with_exchanged_controllers(found.problem),
             f"ac {symbol.sc.name}; sc {symbol.ac.name};",
         )
 
 
 CELLS, HALF, OTHERS = 1, 2, 3
-"""Costs above 0: other cells; more that is asked of the world; another controller that flies."""
+"""Costs above 0: for other cells, for a narrower world, for another controller in flight."""
 VARIATIONS = (
-    Variation("a shorter axis: `{}`", _shorten_axes, without_core=True, with_core=True),
-    Variation("a longer axis: `{}`", _change_axes, without_core=True, with_core=True, cost=CELLS),
-    Variation("no ends where runs leave: `{}`", _open_axis, without_core=True, with_core=False),
+    Variation("a shorter axis: `{}`", _shorter_axes, without_core=True, with_core=True),
+    Variation("a longer axis: `{}`", _longer_axes, without_core=True, with_core=True, cost=CELLS),
+    Variation("no ends where runs leave: `{}`", _opened_axis, without_core=True, with_core=False),
     Variation(
         "neither `ttf` nor `safer`: left out, both are computed",
-        _change_predicates,
+        _predicates_left_out,
         without_core=False,
         with_core=True,
     ),
     Variation(
         "`recover never`, if it may stay where SC stops",
-        _change_return,
+        _return_left_out,
         without_core=True,
         with_core=False,
     ),
-    Variation("{}", _change_ages, without_core=True, with_core=True),
-    Variation("{}", _change_start, without_core=False, with_core=True),
-    Variation("more cells: `{}`", _change_cells, without_core=False, with_core=True, cost=CELLS),
-    Variation(CALMER, _narrow_disturbances, without_core=True, with_core=True, cost=HALF),
+    Variation("{}", _younger_reads, without_core=True, with_core=True),
+    Variation("{}", _nearer_start, without_core=False, with_core=True),
+    Variation("more cells: `{}`", _more_cells, without_core=False, with_core=True, cost=CELLS),
+    Variation(CALMER, _narrower_disturbances, without_core=True, with_core=True, cost=HALF),
     Variation(
         "`{}`, if that is what was meant",
-        _exchange_controllers,
+        _exchanged_controllers,
         without_core=True,
         with_core=False,
         cost=OTHERS,
@@ -321,16 +320,16 @@ VARIATIONS = (
 )
 
 
-def predicates_left_out(problem: Problem) -> Problem | None:
-    """The problem without `ttf` and `safer`, so that they are computed; None: it is no problem."""
+def problem_without_predicates(problem: Problem) -> Problem | None:
+    """The problem without `ttf` and `safer`, which are then computed; None if it is no problem."""
     if problem.computed:
         return None
     symbol = replace(problem.module.symbol, ttf=None, safer=None, topics_read=())
     return _extract_again(problem, problem.system, replace(problem.module, symbol=symbol))
 
 
-def younger_reads(problem: Problem) -> tuple[Problem, tuple[str, ...]] | None:
-    """The problem with the least `max_age` of what SC and DM read of plants, and the text."""
+def problem_with_younger_reads(problem: Problem) -> tuple[Problem, tuple[str, ...]] | None:
+    """The problem with the least `max_age` of what SC and DM read, and the texts, or None."""
     texts, changed = [], []
     paths = (*problem.times.schedule.read_by_sc, *problem.times.schedule.read_by_dm)
     read = {p.topic for p in paths}
@@ -348,10 +347,10 @@ def younger_reads(problem: Problem) -> tuple[Problem, tuple[str, ...]] | None:
     return None if again is None else (again, tuple(texts))
 
 
-def younger_reads_of_sc(problem: Problem) -> tuple[Problem, str] | None:
-    """The problem with `age` as long as a publisher's period, and the text of it.
+def problem_with_younger_sc_reads(problem: Problem) -> tuple[Problem, str] | None:
+    """The problem with the least `age` of SC's reads, and its text; None if it is not lower.
 
-    Phases may make the age less, which is not counted on.
+    It is at least a publisher's period, though phases may make reads younger.
     """
     schedule, verify = problem.times.schedule, problem.module.symbol.verify
     ages = (max(schedule.stamp_age_sc(p), p.last_station.period) for p in schedule.read_by_sc)
@@ -365,8 +364,8 @@ def younger_reads_of_sc(problem: Problem) -> tuple[Problem, str] | None:
     return None if again is None else (again, text)
 
 
-def with_open_axis(problem: Problem, state: int) -> Problem | None:
-    """The problem with the axis of a state `open`; trying it shows whether something reads it."""
+def problem_with_open_axis(problem: Problem, state: int) -> Problem | None:
+    """The problem with the axis of a state `open`; a trial shows whether something reads it."""
     if problem.computed or len(problem.groups) > 1 or problem.kind != "flow":
         return None
     group = problem.groups[0]
@@ -381,21 +380,21 @@ def with_open_axis(problem: Problem, state: int) -> Problem | None:
 
 
 def extended_edges(edges: Floats, low: float, high: float) -> Floats:
-    """Edges (cells + 1,) with further cells, as large as the outermost, from `low` to `high`."""
+    """Edges (cells + 1,) with more cells, as large as the outermost ones, from `low` to `high`."""
     width = float(edges[1] - edges[0]), float(edges[-1] - edges[-2])
     below = np.arange(edges[0] - width[0], low - width[0] / 2, -width[0])[::-1]
     above = np.arange(edges[-1] + width[1], high + width[1] / 2, width[1])
     return np.concatenate([below, edges, above])
 
 
-def with_ends(problem: Problem, ends: Mapping[int, tuple[float, float]]) -> Problem:
-    """The problem with other ends of axes, by state.
+def problem_with_ends(problem: Problem, ends: Mapping[int, tuple[float, float]]) -> Problem:
+    """The problem with other ends of the axes of some states.
 
-    A longer axis has more cells of the same size, a shorter one as many smaller ones.
+    A longer axis has more cells of the same size, a shorter one as many smaller cells.
     """
     states = list(problem.states)
 
-    def changed(axis: Axis) -> Axis:
+    def moved_axis(axis: Axis) -> Axis:
         if axis.state not in ends:
             return axis
         low, high = ends[axis.state]
@@ -405,12 +404,12 @@ def with_ends(problem: Problem, ends: Mapping[int, tuple[float, float]]) -> Prob
         states[axis.state] = Interval(float(edges[0]), float(edges[-1]))
         return replace(axis, edges=tuple(edges.tolist()))
 
-    groups = tuple(replace(g, axes=tuple(changed(a) for a in g.axes)) for g in problem.groups)
+    groups = tuple(replace(g, axes=tuple(moved_axis(a) for a in g.axes)) for g in problem.groups)
     return replace(problem, groups=groups, declared_groups=(), states=tuple(states))
 
 
-def with_controllers_exchanged(problem: Problem) -> Problem | None:
-    """The problem with AC in the place of SC; None: it is no problem."""
+def problem_with_exchanged_controllers(problem: Problem) -> Problem | None:
+    """The problem with AC and SC exchanged; None if that is no problem."""
     m, components = problem.module, problem.system.components
     symbol = replace(m.symbol, ac=m.symbol.sc, sc=m.symbol.ac)
     roles = replace(components[m.ac], role="sc"), replace(components[m.sc], role="ac")
@@ -418,23 +417,20 @@ def with_controllers_exchanged(problem: Problem) -> Problem | None:
     return _extract_again(problem, system, replace(m, ac=m.sc, sc=m.ac, symbol=symbol))
 
 
-def problem_with(system: System, changed: Module) -> Problem:
+def problem_of_changed_module(system: System, changed: Module) -> Problem:
     """The problem of a module that was changed in its system; `SoterError` as of `extract`."""
     return extract(with_module(system, changed), changed)
 
 
 def _extract_again(problem: Problem, system: System, module: Module) -> Problem | None:
-    """The problem of a module that was changed in its own verification system; None: it has none.
-
-    Grids that were changed before stay so.
-    """
+    """The problem of a changed module in its verification system, on the changed grids; or None."""
     whole = problem.view or problem.modes or problem.influences or problem.law
     if whole or problem.module.symbol.verify.abstracts:
         return None
     if module.shield is not None:  # what it permitted was of the other sets
         module = replace(module, shield=replace(module.shield, held=None, permits=None, moved=None))
     try:
-        again = problem_with(system, module)
+        again = problem_of_changed_module(system, module)
     except SoterError:
         return None
     if again.computed and any(a.unbounded for g in problem.groups for a in g.axes):
@@ -463,10 +459,10 @@ def _axis_in_words(axis: Axis) -> str:
     return f"{text} open" if axis.unbounded else text
 
 
-def with_other_periods(problem: Problem, delta_ns: int, sc_ns: int) -> Problem:
-    """The problem with another Delta and period of SC; nothing else changes.
+def problem_with_periods(problem: Problem, delta_ns: int, sc_ns: int) -> Problem:
+    """The problem with another Delta and another period of SC, but with the same phases.
 
-    Phases stay, as the calendar has them. The scheme's error is that of the plant's step.
+    The error of the plant's scheme stays, too, as it is that of the plant's step.
     """
     times, was = problem.times, problem.times.schedule
     dm, sc = replace(was.dm, period=delta_ns), replace(was.sc, period=sc_ns)

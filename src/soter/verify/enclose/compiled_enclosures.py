@@ -1,12 +1,11 @@
-"""The enclosures of one module: generated as C, compiled with the engine, called over boxes.
+"""The enclosures of one module, generated as C, compiled with the engine, called over boxes.
 
 Purpose: `generate_enclosures` writes the functions `law`, `derivative` or `next`, `safe`,
 `constraint`, `core`, `ttf`, `safer` and `drives` of one module over the forms of
 `verify/engine/soter_form.h` (docs/verification.md, section 2). `ReachLibrary` holds such a unit,
 compiled with `soter_reach*.c` once for each content, and calls both through cffi.
-`CompiledEnclosures` evaluates `law`, `safe`, ... over single boxes, for checks that look at few
-boxes.
-Non-goals: what a step comes to (`enclosed_steps.py`); grids (`verify/grid/sets.py`), where C walks
+`CompiledEnclosures` evaluates `law`, `safe`, ... over single boxes, for checks of few boxes.
+Non-goals: the meaning of a step (`enclosed_steps.py`); grids (`verify/grid/sets.py`), where C walks
 over millions of cells.
 
 A value that is no input of a function ranges over its declared set, without a symbol.
@@ -32,11 +31,11 @@ from soter.core.steps import lower_predicate
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.language.model.tree_walk import PARTS_MAX, conjuncts
 from soter.native.c_interface import declarations, interface, open_library
-from soter.native.cache import cached, digest, files_below
+from soter.native.cache import cached_folder, digest, files_below
 from soter.native.compiler import STRICT, compile_with, find_compiler, vector_flags
 from soter.native.shared_library import CHECK_FAILED, OWN_SYMBOLS, c_texts, include_flags, objects
 from soter.verify.enclose.enclosed_operations import EnclosureOperations
-from soter.verify.enclose.enclosed_steps import Enclosed
+from soter.verify.enclose.enclosed_steps import EnclosedFunction
 from soter.verify.enclose.enclosure_emitter import (
     Emitter,
     EnclosureError,
@@ -45,7 +44,7 @@ from soter.verify.enclose.enclosure_emitter import (
     result_statement,
 )
 from soter.verify.problem.supported_constructs import ttf_of_states
-from soter.verify.problem.verification_system import with_other_modes_in_ac
+from soter.verify.problem.verification_system import expression_with_others_in_ac
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -64,13 +63,13 @@ PARAMETERS = (
     ("soter_form ", "out[]"),
 )
 CONTROLS_MAX = 8
-"""Up to this many controls get a function of their own, each."""
+"""If SC has no more controls than this, each has a function that computes it alone."""
 PREDICATE_PARAMETERS = (*PARAMETERS[:2], ("soter_truth ", "out[]"))
 
 
 @dataclass(frozen=True)
 class EnclosureUnit:
-    """The C text of one module's enclosures, and what they depend on."""
+    """The C text of one module's enclosures, and what its functions depend on."""
 
     source: str
     prelude: tuple[str, ...]
@@ -81,9 +80,9 @@ class EnclosureUnit:
     reads: Mapping[str, frozenset[int]]
     """The float inputs that each function reads, by its name without `soter_`."""
     boundless: frozenset[str]
-    """The functions that read a number of which nothing is known, as a state that is no input."""
+    """The functions that read a number without bounds, such as a state that is no input."""
     of_turns: frozenset[str]
-    """The functions that depend on the turns made by a state that is read modulo a full turn."""
+    """The functions that depend on how many full turns a state has made."""
 
 
 def generate_enclosures(
@@ -97,21 +96,21 @@ def generate_enclosures(
 ) -> EnclosureUnit:
     """The enclosures of a module in its verification system.
 
-    `back` is what P2b takes for `safer`, where that is something else. `apart`: the derivative of
-    each state is a function of its own, too: `derivative_K`. EnclosureError says for people why
-    something cannot be enclosed.
+    `back`: the predicate that P2b uses in the place of `safer`, if any. `apart`: each state also
+    has a function for its derivative alone, `derivative_K`. Raises EnclosureError, with the reason
+    in words, where something cannot be enclosed.
     """
     unit = _UnitWriter(system, core, module, quantities)
-    unit.run(back)
+    unit.emit_functions(back)
     if apart:
         unit.emit_derivatives()
     prelude, boundless = tuple(sorted(unit.prelude)), frozenset(unit.boundless)
     names, of_turns = tuple(unit.names), frozenset(unit.of_turns)
-    return EnclosureUnit(unit.text(), prelude, names, unit.reads, boundless, of_turns)
+    return EnclosureUnit(unit.text_of_unit(), prelude, names, unit.reads, boundless, of_turns)
 
 
 class _UnitWriter:
-    """Writes the C of one module's enclosures, function by function."""
+    """The writer of the C of one module's enclosures, function by function."""
 
     def __init__(
         self, system: System, core: core_ir.CoreSystem, module: Module, quantities: Quantities
@@ -128,32 +127,34 @@ class _UnitWriter:
         self.boundless: set[str] = set()
         self.of_turns: set[str] = set()
 
-    def run(self, back: TypedExpr | None) -> None:
+    def emit_functions(self, back: TypedExpr | None) -> None:
         """Emits all functions that the module needs."""
         hint, more = self._core_hint()
         symbol = self.module.symbol
         if not symbol.synthesized:
             self._emit_law()
         if any(p.integrate for p in self.core.plants.values()):
-            flow = Enclosed.is_flow(self.core)
+            flow = EnclosedFunction.is_flow(self.core)
             text = "derivative of every state" if flow else "every state one period later"
             name = "derivative" if flow else "next"
-            self._emit_numbers(name, text, lambda e: e.derivative() if flow else e.next())
-        self._emit_numbers("drives", "leaves of the topics that plants drive", lambda e: e.drives())
+            self._emit_numbers(name, text, lambda e: e.derivatives() if flow else e.next_states())
+        self._emit_numbers(
+            "drives", "leaves of the topics that plants drive", lambda e: e.driven_leaves()
+        )
         self._emit_predicate("safe", symbol.safe, estimated=False)
         self._emit_constraint(symbol.safe)
         if hint is not None:
-            self._emit_truth("core", lambda e: e.predicate(hint, more, estimated=False))
+            self._emit_truth("core", lambda e: e.truth_of_predicate(hint, more, estimated=False))
         ttf = ttf_of_states(symbol.ttf)
         for name, expr in (("ttf", ttf), ("safer", symbol.safer), ("back", back)):
             if expr is not None:
                 self._emit_predicate(name, expr, estimated=True)
         if symbol.verify.enters is not None:
-            with suppress(EnclosureError):  # what rests on it is not shown then
+            with suppress(EnclosureError):  # claims that need it are then not shown
                 self._emit_expression("enters", symbol.verify.enters, estimated=True)
 
     def _core_hint(self) -> tuple[core_ir.Predicate | None, dict[str, core_ir.Function]]:
-        """`core e;` lowered, with the functions that it calls."""
+        """The hint `core e;` in Core, with the functions that it calls; None: there is no hint."""
         e = self.module.symbol.verify.core
         if e is None:
             return None, {}
@@ -164,33 +165,33 @@ class _UnitWriter:
     def emit_derivatives(self) -> None:
         """Emits the derivative of each state as a function of its own."""
         for k, leaf in enumerate(self.quantities.states):
-            enclosed = self._enclosed()
-            rate = result_statement(0, enclosed.derivative()[k])
+            enclosed = self._new_function()
+            rate = result_statement(0, enclosed.derivatives()[k])
             doc = f"derivative of {leaf.name} alone"
             self._add_function(f"derivative_{k}", doc, PARAMETERS, enclosed.emitter, [rate])
 
     def _emit_constraint(self, safe: TypedExpr) -> None:
-        """Emits C and its conditions: those of `safe`, then of plants' published values."""
+        """Emits the predicate C and its conditions: of `safe`, then of plants' published values."""
         parts = conjuncts(safe)
-        self._emit_truth("constraint", lambda e: e.constraint(safe))
-        probe = self._enclosed()
-        probe.drive()
-        leaves = len(probe.published())
+        self._emit_truth("constraint", lambda e: e.truth_of_constraint(safe))
+        probe = self._new_function()
+        probe.set_driven_topics()
+        leaves = len(probe.set_conditions())
         numbers = [*range(leaves)] if len(parts) + leaves <= PARTS_MAX else [None]
         if len(parts) == PARTS_MAX:
-            return  # it is checked as a whole
+            return  # C is then checked without its conditions
         for k, part in enumerate(parts):
             self._emit_expression(f"constraint_{k}", part, estimated=False)
         for k, number in enumerate(numbers, len(parts)):
-            self._emit_truth(f"constraint_{k}", lambda e, n=number: e.publishing(n))  # type: ignore[misc]
+            self._emit_truth(f"constraint_{k}", lambda e, n=number: e.truth_of_publishing(n))  # type: ignore[misc]
 
     def _emit_law(self) -> None:
         """Emits SC for all controls at once, and for each alone, as few controls move a group.
 
-        `law_K` puts control K into out[K]. It does not see a fault elsewhere in SC; `law` does.
+        `law_K` writes control K into out[K]. It reports no faults elsewhere in SC; `law` does.
         """
-        enclosed = self._enclosed()
-        results = [result_statement(i, e) for i, e in enumerate(enclosed.law())]
+        enclosed = self._new_function()
+        results = [result_statement(i, e) for i, e in enumerate(enclosed.commands_of_sc())]
         emitter = enclosed.emitter
         self._add_function("law", "SC's published controls", PARAMETERS, emitter, results)
         if 1 < len(results) <= CONTROLS_MAX:
@@ -199,26 +200,30 @@ class _UnitWriter:
                 self._add_function(f"law_{k}", doc, PARAMETERS, emitter, [result], faults=False)
 
     def _emit_predicate(self, name: str, predicate: TypedExpr, *, estimated: bool) -> None:
-        """Emits a predicate, and each of its conditions where it has several."""
+        """Emits a predicate and, if it is a conjunction, each of its conditions."""
         self._emit_expression(name, predicate, estimated=estimated)
         parts = conjuncts(predicate)
         for k, part in enumerate(parts if len(parts) > 1 else []):
             self._emit_expression(f"{name}_{k}", part, estimated=estimated)
 
     def _emit_expression(self, name: str, expr: TypedExpr, *, estimated: bool) -> None:
-        self._emit_truth(name, lambda e: e.expression(expr, estimated=estimated))
+        self._emit_truth(name, lambda e: e.truth_of_expression(expr, estimated=estimated))
 
-    def _enclosed(self) -> Enclosed:
+    def _new_function(self) -> EnclosedFunction:
         emitter = Emitter(self.statics)
-        return Enclosed(self.system, self.core, self.module, self.quantities, emitter, self.prelude)
+        return EnclosedFunction(
+            self.system, self.core, self.module, self.quantities, emitter, self.prelude
+        )
 
-    def _emit_numbers(self, name: str, doc: str, make: Callable[[Enclosed], list[c.CExpr]]) -> None:
-        enclosed = self._enclosed()
+    def _emit_numbers(
+        self, name: str, doc: str, make: Callable[[EnclosedFunction], list[c.CExpr]]
+    ) -> None:
+        enclosed = self._new_function()
         results = [result_statement(i, e) for i, e in enumerate(make(enclosed))]
         self._add_function(name, doc, PARAMETERS, enclosed.emitter, results)
 
-    def _emit_truth(self, name: str, make: Callable[[Enclosed], c.CExpr]) -> None:
-        enclosed = self._enclosed()
+    def _emit_truth(self, name: str, make: Callable[[EnclosedFunction], c.CExpr]) -> None:
+        enclosed = self._new_function()
         result = c.Assign(c.IndexExpr(c.Name("out"), c.Number("0")), make(enclosed))
         doc = f"`{name}` of {self.module.name}: false, true or either"
         self._add_function(name, doc, PREDICATE_PARAMETERS, enclosed.emitter, [result])
@@ -236,7 +241,7 @@ class _UnitWriter:
         body = function_body(emitter.block, emitter.reads, results, faults=faults)
         mentioned = set(names_in(body))
         self.reads[name] = frozenset(k for k, x in emitter.reads.items() if x.text in mentioned)
-        if EnclosureOperations(emitter).anything in mentioned:
+        if EnclosureOperations(emitter).any_number in mentioned:
             self.boundless.add(name)
         if emitter.reads_turns:
             self.of_turns.add(name)
@@ -245,7 +250,7 @@ class _UnitWriter:
         made = c.FunctionDef("unsigned", full, parameters, body, doc, static=False)
         self.definitions.append(made)
 
-    def text(self) -> str:
+    def text_of_unit(self) -> str:
         """The text of the translation unit."""
         q = self.quantities
         counts = {
@@ -278,7 +283,7 @@ TRUTHS = (
 )
 FLAGS = (*STRICT, "-O3", "-fPIC", "-pthread")
 UNIT_LEVEL = "-O3"
-"""The compiler's optimisation level for enclosures; results have the same bits at every level, so
+"""The compiler's optimisation level for enclosures. Results have the same bits at every level, so
 tests, which prove many small modules once each, may lower it to compile faster."""
 LINKED = ("-shared", *OWN_SYMBOLS)
 FORMS = "typedef struct soter_form soter_form; typedef unsigned char soter_truth;"
@@ -302,7 +307,7 @@ def _input_count(source: str) -> int:
 
 
 class ReachLibrary:
-    """The loaded engine with one module's enclosures; it holds no state."""
+    """The loaded engine with one module's enclosures; it has no state."""
 
     def __init__(
         self,
@@ -329,7 +334,7 @@ class ReachLibrary:
 
 
 def compiled_library(source: str, inputs: int, extra: tuple[str, ...] = ()) -> Path:
-    """The shared library, from the cache or built now; `SoterError` X004, X006."""
+    """The path of the shared library, cached or built now; may raise `SoterError` X004, X006."""
     compiler = find_compiler()
     more = (f"-DSOTER_INPUTS={inputs}", *vector_flags(), *extra)
     flags, unit_flags = (*FLAGS, *more), (*FLAGS, UNIT_LEVEL, *more)
@@ -338,7 +343,7 @@ def compiled_library(source: str, inputs: int, extra: tuple[str, ...] = ()) -> P
     content = digest((source, compiler.identity, *flags, *unit_flags, *LINKED, *headers))
     name = f"reach-{content[:32]}.so"
 
-    def make(work: Path) -> None:
+    def build_library(work: Path) -> None:
         (work / UNIT).write_text(source, encoding="utf-8")
         command = (*compiler.command, *unit_flags, *include_flags(HERE / "soter_form.h"))
         with ThreadPoolExecutor(2) as both:
@@ -347,11 +352,11 @@ def compiled_library(source: str, inputs: int, extra: tuple[str, ...] = ()) -> P
         linked = (UNIT.replace(".c", ".o"), *map(str, made.result()))
         compile_with((*command, *LINKED, "-o", name, *linked, "-lm"), work, MESSAGE)
 
-    return cached("reach", content, (name,), make) / name
+    return cached_folder("reach", content, (name,), build_library) / name
 
 
 TRUE = 2
-"""The truth value (a bit mask) that is definitely true."""
+"""The truth value, a bit mask, of what is certainly true."""
 
 
 def library_of(problem: Problem) -> tuple[ReachLibrary, tuple[str, ...]]:
@@ -377,7 +382,7 @@ def _refusal(problem: Problem, why: str, span: Span, note: str) -> SoterError:
 
 
 def _refuse_unbounded_reads(problem: Problem, unit: EnclosureUnit) -> None:
-    """R007 where what moves the plants, or SC, reads a state whose axis is unbounded."""
+    """Raises R007 if SC or a derivative of the plants reads a state whose axis is unbounded."""
     for group in problem.groups:
         for axis in (a for a in group.axes if a.unbounded):
             for name, who in (("law", "SC"), ("derivative", "what moves the plants")):
@@ -388,19 +393,19 @@ def _refuse_unbounded_reads(problem: Problem, unit: EnclosureUnit) -> None:
 
 
 def _safer_in_ac(problem: Problem) -> TypedExpr | None:
-    """`safer` with AC for the modes that it waits for; None where it waits for none."""
+    """The predicate `safer` with the modes it waits for taken as AC; None: it waits for none."""
     safer = problem.module.symbol.safer
     if safer is None or problem.modes is None or not problem.modes.waits:
         return None
-    return with_other_modes_in_ac(safer, problem.modes)
+    return expression_with_others_in_ac(safer, problem.modes)
 
 
 FORM = 4
-"""The number of a form's first coefficient, behind low, high, centre and remainder."""
+"""The index of the first coefficient of a form, after low, high, centre and remainder."""
 
 
 def affine_inputs(box: Floats, count: int) -> Floats:
-    """Forms of inputs in a box (n, 2), with a symbol for each, (count, 4 + count); zeros beyond."""
+    """Forms (count, 4 + count) of the inputs in a box (n, 2), a symbol each; rows beyond are 0."""
     low, high = box[:, 0], box[:, 1]
     n, point, middle = len(box), low == high, low / 2 + high / 2
     radius = np.nextafter(np.maximum(high - middle, middle - low), np.inf)
@@ -412,7 +417,7 @@ def affine_inputs(box: Floats, count: int) -> Floats:
 
 
 class CompiledEnclosures:
-    """Evaluates the unit over boxes; a box is an array (inputs, 2) of bounds in input order."""
+    """An evaluator of a unit over boxes, arrays (inputs, 2) of bounds in the order of inputs."""
 
     def __init__(self, library: ReachLibrary, problem: Problem, parameter: Sequence[int]) -> None:
         self.library = library
@@ -420,15 +425,15 @@ class CompiledEnclosures:
         self._in = np.zeros((self._n, FORM + self._n))
         self._out = np.zeros((max(self._n, 64), FORM + self._n))
         self.results = len(self._out)
-        """The most results that a function may have."""
+        """The largest number of results that a function may have."""
         self._param = np.array(list(parameter) or [0], dtype=np.int64)
         inputs = (*problem.states, *problem.controls, *problem.disturbances, *problem.errors)
         ranges = [(i.low, i.high) for i in (*inputs, *problem.others)]
         self.whole: Floats = np.array(ranges, dtype=np.float64).reshape(-1, 2)
-        """The box of all inputs over their whole ranges."""
+        """The box of all inputs, each over its whole range."""
 
     def with_ranges(self, ranges: Mapping[int, tuple[float, float]]) -> CompiledEnclosures:
-        """These enclosures with other ranges of some inputs in `whole`."""
+        """A copy of these enclosures with other ranges of some inputs in `whole`."""
         forms = copy(self)
         forms.whole = self.whole.copy()
         for i, r in ranges.items():
@@ -438,24 +443,24 @@ class CompiledEnclosures:
     def affine_results(self, name: str, forms: Floats, count: int) -> Floats | None:
         """Forms of the results, (count, 4 + inputs): low, high, centre, remainder, coefficients.
 
-        `forms`: those of the inputs, shaped likewise. None where a step fault is possible.
+        `forms`: the forms of the inputs, of the same shape. None: a step fault is possible.
         """
         self._in[:] = 0.0
         self._in[: len(forms)] = forms
-        return None if self._run(name) else np.array(self._out[:count])
+        return None if self._fault_of_call(name) else np.array(self._out[:count])
 
     def truth(self, name: str, box: Floats) -> int:
-        """A predicate over a box (inputs, 2): bit 0: it may be false, bit 1: it may be true.
+        """The truth of a predicate over a box (inputs, 2): bit 0: may be false, bit 1: may be true.
 
-        Both where a step fault is possible.
+        Both bits are set where a step fault is possible.
         """
-        return 3 if self._call(name, box) else int(self._out.view(np.uint8).flat[0])
+        return 3 if self._fault_over_box(name, box) else int(self._out.view(np.uint8).flat[0])
 
-    def _call(self, name: str, box: Floats) -> int:
+    def _fault_over_box(self, name: str, box: Floats) -> int:
         self._in[:] = affine_inputs(box, self._n)
-        return self._run(name)
+        return self._fault_of_call(name)
 
-    def _run(self, name: str) -> int:
+    def _fault_of_call(self, name: str) -> int:
         ffi = self.library.ffi
         function = getattr(self.library.lib, f"soter_{name}")
         return int(
@@ -466,18 +471,18 @@ class CompiledEnclosures:
             )
         )
 
-    def numbers(self, name: str, box: Floats, count: int) -> Floats | None:
+    def result_bounds(self, name: str, box: Floats, count: int) -> Floats | None:
         """Bounds (count, 2) of a function's results over a box; None: a step fault is possible."""
-        if self._call(name, box):
+        if self._fault_over_box(name, box):
             return None
         return np.array(self._out[:count, :2])
 
     def conjunct_names(self, name: str) -> list[str]:
-        """The functions whose conjunction is the predicate; empty where it is no conjunction."""
+        """The functions of which a predicate is the conjunction; empty: it is no conjunction."""
         candidates = [f"{name}_{k}" for k in range(PARTS_MAX)]
         return [f for f in candidates if self.library.symbol(f) != self.library.ffi.NULL]
 
-    def true(self, name: str, box: Floats) -> bool:
-        """Whether a predicate is definitely true all over the box, (inputs, 2)."""
-        fault = self._call(name, box)
+    def is_surely_true(self, name: str, box: Floats) -> bool:
+        """Whether a predicate is certainly true all over a box (inputs, 2)."""
+        fault = self._fault_over_box(name, box)
         return not fault and int(self._out.view(np.uint8).flat[0]) == TRUE

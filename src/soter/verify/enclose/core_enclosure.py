@@ -1,4 +1,4 @@
-"""Emits C that computes an enclosure of what Core computes, a form in the place of each number.
+"""Turns Core into emitted C that computes enclosures, with a form in the place of each number.
 
 Purpose: `EnclosureBody` turns Core into operations of the emitted C; where a branch is undecided
 both of its sides become blocks of C. A function of the prelude is enclosed by its meaning: `sin`
@@ -33,9 +33,9 @@ from soter.verify.enclose.enclosure_emitter import (
     KnownTruth,
     MergedVariable,
     Sequence,
+    as_parts,
     float_literal,
     is_scalar,
-    opened,
 )
 
 if TYPE_CHECKING:
@@ -55,37 +55,37 @@ PERIODIC = frozenset({"sin", "cos", "tan", "wrap_angle"})
 
 
 def is_prelude(function: core.Function) -> bool:
-    """Whether a function is the prelude's (a program may call its own function `sin`)."""
+    """Whether a function is one of the prelude (a program may declare its own `sin`)."""
     return function.span.source.name.startswith("<prelude>/")
 
 
-def enclosed_call(
+def prelude_call_enclosure(
     ops: EnclosureOperations, function: core.Function, arguments: tuple[Item, ...]
 ) -> Item | None:
-    """An enclosure of the exact value of a prelude function; None: its body has to be enclosed."""
+    """An enclosure of the exact value of a prelude function; None: enclose its body instead."""
     name = function.source_name
     if is_prelude(function) and name in PERIODIC:
         (angle,) = arguments
         if isinstance(angle, Form) and angle.turns:
-            return _periodic_call(ops, name, angle)
+            return _enclosure_of_periodic_call(ops, name, angle)
     if name not in ENCLOSED or not is_prelude(function):
         return None
     bound = BOUNDS[name]
     assert not bound.relative
     assert not bound.absolute
-    operands = tuple(ops.form(a) for a in arguments)
+    operands = tuple(ops.form_of(a) for a in arguments)
     return Form(ops.emitter.emit("form", f"soter_n_{name}", *operands, float_literal(bound.ulps)))
 
 
-def _periodic_call(ops: EnclosureOperations, name: str, angle: Form) -> Item:
-    """An enclosure of a function of a full turn, at an angle that may be any turns further."""
-    bound, near = BOUNDS[name], ops.any_turn(angle)
+def _enclosure_of_periodic_call(ops: EnclosureOperations, name: str, angle: Form) -> Item:
+    """An enclosure of a function with the period of a turn, at an angle any turns away."""
+    bound, near = BOUNDS[name], ops.angle_of_any_turn(angle)
     off = bound.absolute if name == "wrap_angle" else bound.ulps
     return Form(ops.emitter.emit("form", f"soter_n_{name}", near, float_literal(off)))
 
 
 class EnclosureBody(Execution[Item]):
-    """Encloses bodies of Core."""
+    """An execution of Core that emits operations on enclosures."""
 
     def __init__(
         self,
@@ -99,48 +99,48 @@ class EnclosureBody(Execution[Item]):
         self.emitter = emitter
         self.cell = cell
         self.prelude = prelude
-        """The prelude functions whose tested error bounds were used; they are added here."""
+        """The names of the prelude functions whose tested error bounds were used."""
 
     def expr(self, e: core.Expr) -> Item:
-        """The value of an expression."""
+        """The value of an expression, known now or emitted."""
         value = super().expr(e)
-        return opened(value) if isinstance(value, Constant) and is_scalar(value.type) else value
+        return as_parts(value) if isinstance(value, Constant) and is_scalar(value.type) else value
 
-    def _known(self, condition: Item) -> bool | None:
+    def _decided_truth(self, condition: Item) -> bool | None:
         return condition.value if isinstance(condition, KnownTruth) else None
 
-    def _operation(self, e: core.Expr, *operands: Item) -> Item:
+    def _operation_value(self, e: core.Expr, *operands: Item) -> Item:
         ops = self.ops
         if isinstance(e, core.Const):
-            return self._const(e)
+            return self._constant_value(e)
         if isinstance(e, core.Get):
             return self.cell(e.cell, e.type)
         if isinstance(e, core.Fact):
-            return self._fact(e)
+            return self._fact_value(e)
         if isinstance(e, core.Unary):
-            return self._unary(e.op, *operands)
+            return self._unary_operation(e.op, *operands)
         if isinstance(e, core.Binary):
-            return self._binary(e.op, *operands)
+            return self._binary_operation(e.op, *operands)
         if isinstance(e, core.Extreme):
-            return ops.extreme(e.op, *operands)
+            return ops.min_or_max(e.op, *operands)
         if isinstance(e, core.Select):
-            return ops.select(*operands)
+            return ops.selection(*operands)
         if isinstance(e, core.Field):
-            return self._parts(*operands).items[e.index]
+            return self._split_parts(*operands).items[e.index]
         if isinstance(e, core.Element):
-            return ops.element(operands[0], operands[1], e.type)
+            return ops.element_at(operands[0], operands[1], e.type)
         if isinstance(e, core.Length):
-            whole = self._parts(*operands)
+            whole = self._split_parts(*operands)
             assert isinstance(whole, Sequence)
             return whole.length
         assert isinstance(e, core.Make), e
         if isinstance(e.type, ListType):
-            rest = opened(Constant(e.type, ()))
+            rest = as_parts(Constant(e.type, ()))
             assert isinstance(rest, Sequence)
             return Sequence(KnownInt(len(operands)), (*operands, *rest.items[len(operands) :]))
         return AggregateParts(operands)
 
-    def _const(self, e: core.Const) -> Item:
+    def _constant_value(self, e: core.Const) -> Item:
         if isinstance(e.value, Table):
             msg = (
                 f"the table `{e.name}` of {leaf_count(e.type)} numbers is too large to be enclosed"
@@ -148,49 +148,49 @@ class EnclosureBody(Execution[Item]):
             raise EnclosureError(msg)
         return Constant(e.type, e.value)
 
-    def _fact(self, e: core.Fact) -> Item:
+    def _fact_value(self, e: core.Fact) -> Item:
         if e.fact in {"time", "age"}:
             return self.ops.float_range(0.0, float("inf"))
         return self.ops.whole_range(0, 1) if e.fact == "mode" else UNKNOWN
 
-    def _unary(self, op: str, operand: Item) -> Item:
+    def _unary_operation(self, op: str, operand: Item) -> Item:
         if op == "not":
-            return self.ops.negated(operand)
-        return self.ops.to_float(operand) if op == "to_float" else self.ops.unary(op, operand)
+            return self.ops.negation(operand)
+        return self.ops.float_of_int(operand) if op == "to_float" else self.ops.unary(op, operand)
 
-    def _binary(self, op: str, left: Item, right: Item) -> Item:
+    def _binary_operation(self, op: str, left: Item, right: Item) -> Item:
         if op == "&&":
-            return self.ops.both(left, right)
+            return self.ops.conjunction(left, right)
         if op == "||":
-            return self.ops.either(left, right)
+            return self.ops.disjunction(left, right)
         if op in {"+", "-", "*", "/"}:
             return self.ops.binary(op, left, right)
         return self.ops.compare(op, left, right)
 
-    def _parts(self, v: Item) -> AggregateParts | Sequence:
-        whole = opened(v) if isinstance(v, Constant) else v
+    def _split_parts(self, v: Item) -> AggregateParts | Sequence:
+        whole = as_parts(v) if isinstance(v, Constant) else v
         assert isinstance(whole, (AggregateParts, Sequence))
         return whole
 
-    def _checked(self, s: core.Checked, operands: list[Item], limit: Item | None) -> Item:
+    def _checked_value(self, s: core.Checked, operands: list[Item], limit: Item | None) -> Item:
         if s.op == "narrow":
             assert isinstance(s.type, IntType)
-            return self.ops.narrowed(operands[0], s.type.low, s.type.high)
+            return self.ops.narrowed_int(operands[0], s.type.low, s.type.high)
         if s.op == "index":
             assert limit is not None
             if isinstance(s.limit, core.Length):
                 listed = s.limit.target.type
                 assert isinstance(listed, ListType)
-                return self.ops.index(operands[0], limit, listed.capacity)
+                return self.ops.checked_index(operands[0], limit, listed.capacity)
             assert isinstance(limit, KnownInt)
-            return self.ops.index(operands[0], limit, limit.value)
+            return self.ops.checked_index(operands[0], limit, limit.value)
         if s.op == "to_int":
-            return self.ops.to_int(operands[0])
+            return self.ops.int_of_float(operands[0])
         if s.op == "number":
-            return self.ops.number(operands[0])
+            return self.ops.checked_number(operands[0])
         return self.ops.int_operation(s.op, tuple(operands))
 
-    def _choose(self, s: core.Choose) -> Item:
+    def _chosen_value(self, s: core.Choose) -> Item:
         where = f"line {s.span.line} of `{s.span.source.name}`"
         msg = f"what `choose` gives (in {where}) cannot be enclosed"
         raise EnclosureError(msg)
@@ -198,60 +198,60 @@ class EnclosureBody(Execution[Item]):
     def _guard(self, condition: Item) -> None:
         self.ops.note_fault_unless(condition)
 
-    def call(self, f: core.Function, arguments: tuple[Item, ...]) -> Item:
-        """The result of a call, written out; `EnclosureError` where the function is extern."""
-        known = enclosed_call(self.ops, f, arguments)
+    def result_of(self, f: core.Function, arguments: tuple[Item, ...]) -> Item:
+        """The result of a call, written out in place; raises `EnclosureError` for an extern."""
+        known = prelude_call_enclosure(self.ops, f, arguments)
         if known is not None:
             self.prelude.add(f.source_name)
             return known
         if f.result is None:
             msg = f"`{f.source_name}` is extern: what it computes cannot be enclosed"
             raise EnclosureError(msg)
-        return super().call(f, arguments)
+        return super().result_of(f, arguments)
 
-    def _changed(
+    def _with_part(
         self, s: core.Set | core.Push, old: Item, path: list[int | Item], value: Item
     ) -> Item:
         if isinstance(s, core.Set):
-            return self._replaced(old, tuple(path), lambda _: value)
-        return self._replaced(old, tuple(path), lambda whole: self._pushed(whole, value))
+            return self._with_new_part(old, tuple(path), lambda _: value)
+        return self._with_new_part(old, tuple(path), lambda whole: self._with_item(whole, value))
 
-    def _pushed(self, old: Item, value: Item) -> Item:
-        whole = self._parts(old)
+    def _with_item(self, old: Item, value: Item) -> Item:
+        whole = self._split_parts(old)
         assert isinstance(whole, Sequence)
         room = self.ops.compare("<", whole.length, KnownInt(len(whole.items)))
         self.ops.note_fault_unless(room)
         items = tuple(
-            self.ops.select(self.ops.compare("==", whole.length, KnownInt(k)), value, x)
+            self.ops.selection(self.ops.compare("==", whole.length, KnownInt(k)), value, x)
             for k, x in enumerate(whole.items)
         )
         longer = self.ops.int_operation("add", (whole.length, KnownInt(1)))
-        length = self.ops.extreme("min", longer, KnownInt(len(items)))
+        length = self.ops.min_or_max("min", longer, KnownInt(len(items)))
         assert isinstance(length, (EmittedInts, KnownInt))
         return Sequence(length, items)
 
-    def _replaced(
+    def _with_new_part(
         self, old: Item, path: tuple[int | Item, ...], new: Callable[[Item], Item]
     ) -> Item:
-        """`old` with the part at `path` changed; at an undecided index any may have."""
+        """The value `old` with its part at `path` replaced; an undecided index: each may be."""
         if not path:
             return new(old)
         step, rest = path[0], path[1:]
-        whole = self._parts(old)
+        whole = self._split_parts(old)
         items = list(whole.items)
         if isinstance(step, KnownInt):
             step = step.value
         if isinstance(step, int):
-            items[step] = self._replaced(items[step], rest, new)
+            items[step] = self._with_new_part(items[step], rest, new)
         else:
             for k, item in enumerate(items):
                 here = self.ops.compare("==", step, KnownInt(k))
-                changed = self._replaced(item, rest, new)
-                items[k] = self.ops.select(here, changed, item)
+                changed = self._with_new_part(item, rest, new)
+                items[k] = self.ops.selection(here, changed, item)
         return replace(whole, items=tuple(items))
 
     def _run_where(self, condition: core.Expr, body: tuple[core.Stmt, ...], *, truth: bool) -> None:
-        """Runs one side of a branch, in which the condition and the variable it reads are known.
+        """Runs one side of a branch, where the variable that the condition reads is known.
 
         `a && b` is a branch on a variable that already holds `a` (core/lower_expressions.py):
         without this an undecided `a` with a false `b` would stay undecided.
@@ -271,16 +271,16 @@ class EnclosureBody(Execution[Item]):
     def where(self, block: list[Step]) -> None:
         self.emitter.block = block
 
-    def _reached(self, *_: object) -> list[Step]:
+    def _where_in_side(self, *_: object) -> list[Step]:
         return []
 
-    def _join(self, condition: Item, *sides: list[Step]) -> Join[Item]:
+    def _join_function(self, condition: Item, *sides: list[Step]) -> Join[Item]:
         merged: list[MergedVariable] = []
-        self.where.append(EmittedBranch(self.ops.truth(condition), merged, *sides))
+        self.where.append(EmittedBranch(self.ops.truth_of(condition), merged, *sides))
 
         def join(a: Item | None, b: Item | None, _: Type) -> Item:
             if a is not None and b is not None:
-                return self.ops.merged(a, b, merged, *sides)
+                return self.ops.merged_value(a, b, merged, *sides)
             if a is not None:  # of one block only; it must outlive the block
                 return self.ops.value_after_block(a, merged, sides[0])
             assert b is not None

@@ -1,4 +1,4 @@
-"""Operations on the values of an enclosure: computed now where values are known, else emitted as C.
+"""Operations on enclosed values, computed now where values are known, otherwise emitted as C.
 
 Purpose: `EnclosureOperations` has a method for each kind of scalar operation, and methods that
 select and join whole values.
@@ -38,13 +38,13 @@ from soter.verify.enclose.enclosure_emitter import (
     MergeStore,
     Sequence,
     address,
-    compared,
+    as_parts,
+    comparison_of_ranges,
     element_types,
     float_literal,
     is_scalar,
-    opened,
-    span_binary,
-    span_unary,
+    range_of_binary,
+    range_of_unary,
     whole_literal,
 )
 
@@ -70,21 +70,21 @@ INT_OPS: dict[str, Callable[..., int]] = {
 UNKNOWN = KnownTruth(None)
 TURN = 2.0 * math.pi
 FARTHEST = 2.0**14
-"""The largest angle, 2,607 turns: an estimate beyond is in no table."""
+"""The largest angle in rad, 2,607 turns: estimates beyond it are in no table."""
 FAR_TURNS = 2.0**-33
-"""As `SOTER_FAR_TURNS`; bringing an estimate back by whole turns also rounds by less."""
+"""The value of `SOTER_FAR_TURNS`; moving an estimate by whole turns rounds by less, too."""
 TURNS_MAX, SUMS_MAX = 4, 8
-"""The most states any turns off, and the most sums, in an argument of `soter_n_any_turn`."""
+"""The most states that turn, and the most sums, in an argument of `soter_n_any_turn`."""
 
 
 class EnclosureOperations:
-    """Emits operations on values."""
+    """The operations on values, which an `Emitter` collects."""
 
     def __init__(self, emitter: Emitter) -> None:
         self.emitter = emitter
 
-    def form(self, v: Item) -> c.CExpr:
-        """A float as an operand of type `const soter_form *`."""
+    def form_of(self, v: Item) -> c.CExpr:
+        """The C operand of type `const soter_form *` for a float."""
         if isinstance(v, Form):
             self.emitter.reads_turns |= v.turns > 0
             return address(v.place)
@@ -97,34 +97,36 @@ class EnclosureOperations:
 
     def _static_form(self, low: float, high: float) -> c.Name:
         value = _form_between(low, high)
-        return self.emitter.static("soter_form", "constant", value, array=False)
+        return self.emitter.static_name("soter_form", "constant", value, array=False)
 
     @property
-    def anything(self) -> str:
-        """The variable for a number of which nothing is known; "" where none was emitted."""
-        return self.emitter.known("soter_form", _form_between(-math.inf, math.inf))
+    def any_number(self) -> str:
+        """The C variable for a number without bounds; "" where none was emitted."""
+        return self.emitter.name_of_constant("soter_form", _form_between(-math.inf, math.inf))
 
-    def is_anything(self, v: Item) -> bool:
-        """Whether nothing at all is known of a number."""
-        return isinstance(v, Form) and isinstance(v.place, c.Name) and v.place.text == self.anything
+    def is_any_number(self, v: Item) -> bool:
+        """Whether a number is one without bounds."""
+        return (
+            isinstance(v, Form) and isinstance(v.place, c.Name) and v.place.text == self.any_number
+        )
 
-    def ints(self, v: Item) -> c.CExpr:
-        """An int as an operand of type `soter_ints`."""
+    def ints_of(self, v: Item) -> c.CExpr:
+        """The C operand of type `soter_ints` for an int."""
         if isinstance(v, EmittedInts):
             return v.place
         assert isinstance(v, KnownInt)
         n = whole_literal(v.value)
         return c.CallExpr("soter_ints_of", (n, n))
 
-    def truth(self, v: Item) -> c.CExpr:
-        """A bool as an operand of type `soter_truth`."""
+    def truth_of(self, v: Item) -> c.CExpr:
+        """The C operand of type `soter_truth` for a bool."""
         if isinstance(v, EmittedTruth):
             return v.place
         assert isinstance(v, KnownTruth)
         return c.Number("3U" if v.value is None else "2U" if v.value else "1U")
 
     def any_value(self, t: Type) -> Item:
-        """An enclosure of any value of a type."""
+        """An enclosure of all values of a type."""
         if isinstance(t, FloatType):
             return Form(self._static_form(-math.inf, math.inf))
         if isinstance(t, BoolType):
@@ -139,37 +141,37 @@ class EnclosureOperations:
         return AggregateParts(items)
 
     def whole_range(self, low: int, high: int) -> EmittedInts | KnownInt:
-        """Any int of a range."""
+        """An enclosure of all ints of a range."""
         if low == high:
             return KnownInt(low)
         ends = (whole_literal(low), whole_literal(high))
         return EmittedInts(self.emitter.emit("ints", "soter_ints_of", *ends))
 
     def float_range(self, low: float, high: float) -> Form | FloatRange:
-        """Any float of a range; an infinite end: no bound there; both infinite: also NaN."""
+        """An enclosure of all floats of a range; if both ends are infinite, also of NaN."""
         if math.isfinite(low) and math.isfinite(high):
             return FloatRange(low, high)
         return Form(self._static_form(low, high))
 
-    def _form(self, function: str, *arguments: c.CExpr) -> Form:
+    def _form_result(self, function: str, *arguments: c.CExpr) -> Form:
         return Form(self.emitter.emit("form", function, *arguments))
 
     def unary(self, op: str, v: Item) -> Item:
-        """The operations neg, abs, floor and sqrt of a float."""
+        """The result of neg, abs, floor or sqrt of a float."""
         if op == "neg" and isinstance(v, Form) and v.turns:
-            return self._turned(self.unary(op, Form(v.place)), v.turns, v.sums)
+            return self._form_with_turns(self.unary(op, Form(v.place)), v.turns, v.sums)
         if isinstance(v, FloatRange):
-            known = span_unary(op, v)
+            known = range_of_unary(op, v)
             if known is not None:
                 return known
-        return self._form(f"soter_n_{op}", self.form(v))
+        return self._form_result(f"soter_n_{op}", self.form_of(v))
 
     def binary(self, op: str, a: Item, b: Item) -> Item:
-        """The operations `+`, `-`, `*` and `/` of floats."""
-        if op in "+-" and (turned := self._sum_of_turns(op, a, b)) is not None:
+        """The result of `+`, `-`, `*` or `/` on two floats."""
+        if op in "+-" and (turned := self._sum_with_turns(op, a, b)) is not None:
             return turned
         if isinstance(a, FloatRange) and isinstance(b, FloatRange):
-            known = span_binary(op, a, b)
+            known = range_of_binary(op, a, b)
             if known is not None:
                 return known
         if isinstance(a, FloatRange) and op in "+*":
@@ -178,33 +180,33 @@ class EnclosureOperations:
             if op == "-":
                 op, b = "+", FloatRange(-b.high, -b.low)
             if op in {"*", "+"} or not b.low <= 0.0 <= b.high:
-                return self._beside_range(op, a, b)
+                return self._operation_beside_range(op, a, b)
         if op == "*" and a == b:
-            return self._form("soter_n_square", self.form(a))
-        return self._form(f"soter_n_{BINARY[op]}", self.form(a), self.form(b))
+            return self._form_result("soter_n_square", self.form_of(a))
+        return self._form_result(f"soter_n_{BINARY[op]}", self.form_of(a), self.form_of(b))
 
-    def _sum_of_turns(self, op: str, a: Item, b: Item) -> Form | None:
-        """A sum or difference with angles that may be turns off; None: it has none, or too many."""
+    def _sum_with_turns(self, op: str, a: Item, b: Item) -> Form | None:
+        """A sum or difference with angles that turn; None: none of them turns, or too many do."""
         turning = [x for x in (a, b) if isinstance(x, Form) and x.turns]
         turns, sums = sum(x.turns for x in turning), sum(x.sums for x in turning) + 1
         if not turning or turns > TURNS_MAX or sums > SUMS_MAX:
             return None
         plain = (Form(x.place) if isinstance(x, Form) else x for x in (a, b))
-        return self._turned(self.binary(op, *plain), turns, sums)
+        return self._form_with_turns(self.binary(op, *plain), turns, sums)
 
-    def _beside_range(self, op: str, a: Item, b: FloatRange) -> Form:
-        """The operation `+`, `*` or `/` of a float and one that is known to lie in a range."""
+    def _operation_beside_range(self, op: str, a: Item, b: FloatRange) -> Form:
+        """The result of `+`, `*` or `/` on a float and a float known to lie in a range."""
         name = {"+": "shift", "*": "scale", "/": "over"}[op]
         ends = float_literal(b.low), float_literal(b.high)
-        return self._form(f"soter_n_{name}", self.form(a), *ends)
+        return self._form_result(f"soter_n_{name}", self.form_of(a), *ends)
 
-    def extreme(self, op: str, a: Item, b: Item) -> Item:
-        """The operations min and max, of floats or ints: b < a ? b : a."""
+    def min_or_max(self, op: str, a: Item, b: Item) -> Item:
+        """The result of min or max (`op`) on two floats or two ints."""
         if isinstance(a, (EmittedInts, KnownInt)):
             if isinstance(a, KnownInt) and isinstance(b, KnownInt):
                 return KnownInt(min(a.value, b.value) if op == "min" else max(a.value, b.value))
             return EmittedInts(
-                self.emitter.emit("ints", f"soter_ints_{op}", self.ints(a), self.ints(b))
+                self.emitter.emit("ints", f"soter_ints_{op}", self.ints_of(a), self.ints_of(b))
             )
         if isinstance(a, FloatRange) and isinstance(b, FloatRange):
             pick = min if op == "min" else max
@@ -212,52 +214,53 @@ class EnclosureOperations:
         for k, x in ((b, a), (a, b)):
             if isinstance(k, FloatRange) and k.low == k.high:
                 name = "soter_n_at_most" if op == "min" else "soter_n_at_least"
-                return self._form(name, self.form(x), float_literal(k.low))
-        return self._form(f"soter_n_{op}", self.form(a), self.form(b))
+                return self._form_result(name, self.form_of(x), float_literal(k.low))
+        return self._form_result(f"soter_n_{op}", self.form_of(a), self.form_of(b))
 
     @staticmethod
-    def _turned(v: Item, turns: int, sums: int) -> Form:
+    def _form_with_turns(v: Item, turns: int, sums: int) -> Form:
         assert isinstance(v, Form)
         return replace(v, turns=turns, sums=sums)
 
-    def any_turn(self, v: Form) -> c.CExpr:
-        """The argument of a function of a full turn, with the error of being any turns off."""
+    def angle_of_any_turn(self, v: Form) -> c.CExpr:
+        """The argument of a periodic function, with the rounding error of an angle turns away."""
         return address(self.emitter.emit("form", "soter_n_any_turn", address(v.place)))
 
-    def negated(self, v: Item) -> Item:
-        """The operation `!` of a bool."""
+    def negation(self, v: Item) -> Item:
+        """The result of `!` on a bool."""
         if isinstance(v, KnownTruth):
             return KnownTruth(None if v.value is None else not v.value)
-        return EmittedTruth(self.emitter.emit("truth", "soter_not", self.truth(v)))
+        return EmittedTruth(self.emitter.emit("truth", "soter_not", self.truth_of(v)))
 
-    def both(self, a: Item, b: Item) -> Item:
-        """The operation `&&` of two bools."""
+    def conjunction(self, a: Item, b: Item) -> Item:
+        """The result of `&&` on two bools."""
         for x, y in ((a, b), (b, a)):
             if isinstance(x, KnownTruth) and x.value is not None:
                 return y if x.value else x
-        return EmittedTruth(self.emitter.emit("truth", "soter_both", self.truth(a), self.truth(b)))
+        operands = (self.truth_of(a), self.truth_of(b))
+        return EmittedTruth(self.emitter.emit("truth", "soter_both", *operands))
 
-    def either(self, a: Item, b: Item) -> Item:
-        """The operation `||` of two bools."""
-        return self.negated(self.both(self.negated(a), self.negated(b)))
+    def disjunction(self, a: Item, b: Item) -> Item:
+        """The result of `||` on two bools."""
+        return self.negation(self.conjunction(self.negation(a), self.negation(b)))
 
     def compare(self, op: str, a: Item, b: Item) -> Item:
-        """A comparison of two floats, ints, enums or bools."""
+        """The truth of a comparison of two floats, ints, enums or bools."""
         if op == "!=":
-            return self.negated(self.compare("==", a, b))
+            return self.negation(self.compare("==", a, b))
         if op in SWAPPED:
             return self.compare(SWAPPED[op], b, a)
         if isinstance(a, (EmittedTruth, KnownTruth)):
-            alike = self.both(a, b), self.both(self.negated(a), self.negated(b))
-            return self.either(*alike)
+            alike = self.conjunction(a, b), self.conjunction(self.negation(a), self.negation(b))
+            return self.disjunction(*alike)
         if isinstance(a, KnownInt) and isinstance(b, KnownInt):
             return KnownTruth({"<": a.value < b.value, "<=": a.value <= b.value}.get(op, a == b))
         if isinstance(a, (EmittedInts, KnownInt)):
-            arguments = (self.ints(a), self.ints(b))
+            arguments = (self.ints_of(a), self.ints_of(b))
             return EmittedTruth(self.emitter.emit("truth", INTS_COMPARE[op], *arguments))
         if isinstance(a, FloatRange) and isinstance(b, FloatRange):
-            return KnownTruth(compared(op, (a.low, a.high), (b.low, b.high)))
-        operands = (self.form(a), self.form(b))
+            return KnownTruth(comparison_of_ranges(op, (a.low, a.high), (b.low, b.high)))
+        operands = (self.form_of(a), self.form_of(b))
         if op == "==":
             return EmittedTruth(self.emitter.emit("truth", "soter_equal", *operands))
         return EmittedTruth(self.emitter.emit("truth", FORM_COMPARE[op], SIZE, *operands))
@@ -269,10 +272,10 @@ class EnclosureOperations:
     def note_fault_unless(self, condition: Item) -> None:
         """Notes that a fault is possible unless the condition surely holds."""
         if condition != KnownTruth(True):
-            self.emitter.emit("", "soter_possible", self.truth(condition), FAULT, kept=True)
+            self.emitter.emit("", "soter_possible", self.truth_of(condition), FAULT, kept=True)
 
     def int_operation(self, op: str, operands: tuple[Item, ...]) -> Item:
-        """The operation add, sub, mul, neg, abs, div or mod of ints; notes its faults."""
+        """The result of add, sub, mul, neg, abs, div or mod on ints; notes possible faults."""
         if all(isinstance(o, KnownInt) for o in operands):
             try:
                 return KnownInt(
@@ -281,95 +284,92 @@ class EnclosureOperations:
             except arithmetic.StepFault:
                 self.note_possible_fault()
                 return KnownInt(0)
-        arguments = tuple(self.ints(o) for o in operands)
+        arguments = tuple(self.ints_of(o) for o in operands)
         name = self.emitter.emit("ints", f"soter_ints_{op}", *arguments, FAULT, kept=True)
         return EmittedInts(name)
 
-    def narrowed(self, v: Item, low: int, high: int) -> Item:
-        """An int that is assigned to a place with a range; notes a fault if it may lie outside."""
+    def narrowed_int(self, v: Item, low: int, high: int) -> Item:
+        """An int cut to the range of its new place; notes a fault if it may lie outside."""
         if isinstance(v, KnownInt):
             if not low <= v.value <= high:
                 self.note_possible_fault()
             return KnownInt(min(max(v.value, low), high))
         ends = (whole_literal(low), whole_literal(high))
         return EmittedInts(
-            self.emitter.emit("ints", "soter_ints_narrow", self.ints(v), *ends, FAULT, kept=True)
+            self.emitter.emit("ints", "soter_ints_narrow", self.ints_of(v), *ends, FAULT, kept=True)
         )
 
-    def index(self, v: Item, limit: Item, capacity: int) -> Item:
+    def checked_index(self, v: Item, limit: Item, capacity: int) -> Item:
         """An index cut to [0, limit); notes a fault if it may lie outside."""
         if isinstance(v, KnownInt) and isinstance(limit, KnownInt):
             if not 0 <= v.value < limit.value:
                 self.note_possible_fault()
             return KnownInt(min(max(v.value, 0), max(capacity - 1, 0)))
-        most = whole_literal(capacity)
-        return EmittedInts(
-            self.emitter.emit(
-                "ints", "soter_ints_index", self.ints(v), self.ints(limit), most, FAULT, kept=True
-            )
-        )
+        operands = (self.ints_of(v), self.ints_of(limit), whole_literal(capacity))
+        name = self.emitter.emit("ints", "soter_ints_index", *operands, FAULT, kept=True)
+        return EmittedInts(name)
 
-    def to_int(self, v: Item) -> Item:
-        """The operation `int(x)` of a float; notes its faults."""
+    def int_of_float(self, v: Item) -> Item:
+        """The result of `int(x)` for a float x; notes possible faults."""
         if isinstance(v, FloatRange) and v.low == v.high and INT_MIN <= int(v.low) <= INT_MAX:
             return KnownInt(int(v.low))
         return EmittedInts(
-            self.emitter.emit("ints", "soter_ints_to_int", self.form(v), FAULT, kept=True)
+            self.emitter.emit("ints", "soter_ints_to_int", self.form_of(v), FAULT, kept=True)
         )
 
-    def number(self, v: Item) -> Item:
-        """A float that is compared, unchanged; notes a fault if it may be NaN."""
+    def checked_number(self, v: Item) -> Item:
+        """The same float, to be compared; notes a fault if it may be NaN."""
         if not isinstance(v, FloatRange):
-            is_number = EmittedTruth(self.emitter.emit("truth", "soter_is_number", self.form(v)))
+            is_number = EmittedTruth(self.emitter.emit("truth", "soter_is_number", self.form_of(v)))
             self.note_fault_unless(is_number)
         return v
 
-    def to_float(self, v: Item) -> Item:
-        """The operation `float(i)` of an int, or of a bool as 0 or 1."""
+    def float_of_int(self, v: Item) -> Item:
+        """The result of `float(i)` for an int, or for a bool as 0 or 1."""
         if isinstance(v, KnownInt) and abs(v.value) <= 2**53:
             return FloatRange(float(v.value), float(v.value))
         if isinstance(v, (EmittedTruth, KnownTruth)):
-            return self._form("soter_n_truth_to_float", self.truth(v))
-        return self._form("soter_n_to_float", self.ints(v))
+            return self._form_result("soter_n_truth_to_float", self.truth_of(v))
+        return self._form_result("soter_n_to_float", self.ints_of(v))
 
-    def select(self, condition: Item, then: Item, otherwise: Item) -> Item:
-        """The operation `condition ? then : otherwise`."""
+    def selection(self, condition: Item, then: Item, otherwise: Item) -> Item:
+        """The result of `condition ? then : otherwise`."""
         if isinstance(condition, KnownTruth) and condition.value is not None:
             return then if condition.value else otherwise
-        return self.mapped(then, otherwise, lambda a, b: self._select_scalar(condition, a, b))
+        return self.leafwise(then, otherwise, lambda a, b: self._select_scalar(condition, a, b))
 
     def _select_scalar(self, condition: Item, a: Item, b: Item) -> Item:
-        t = self.truth(condition)
+        t = self.truth_of(condition)
         kind = kind_of(a)
         if kind == "form":
-            return self._form("soter_n_select", t, self.form(a), self.form(b))
+            return self._form_result("soter_n_select", t, self.form_of(a), self.form_of(b))
         if kind == "ints":
-            arguments = (t, self.ints(a), self.ints(b))
+            arguments = (t, self.ints_of(a), self.ints_of(b))
             return EmittedInts(self.emitter.emit("ints", "soter_ints_select", *arguments))
-        arguments = (t, self.truth(a), self.truth(b))
+        arguments = (t, self.truth_of(a), self.truth_of(b))
         return EmittedTruth(self.emitter.emit("truth", "soter_truth_select", *arguments))
 
-    def mapped(self, a: Item, b: Item, leaf: Callable[[Item, Item], Item]) -> Item:
-        """A value made by `leaf` from each pair of leaves that differ; equal leaves stay."""
+    def leafwise(self, a: Item, b: Item, leaf: Callable[[Item, Item], Item]) -> Item:
+        """The value made by applying `leaf` to each pair of leaves that differ; equal ones stay."""
         if a is b or a == b:
             return a
-        a = opened(a) if isinstance(a, Constant) else a
-        b = opened(b) if isinstance(b, Constant) else b
+        a = as_parts(a) if isinstance(a, Constant) else a
+        b = as_parts(b) if isinstance(b, Constant) else b
         if a == b:
             return a
         if isinstance(a, AggregateParts):
             assert isinstance(b, AggregateParts)
             pairs = zip(a.items, b.items, strict=True)
-            return AggregateParts(tuple(self.mapped(x, y, leaf) for x, y in pairs))
+            return AggregateParts(tuple(self.leafwise(x, y, leaf) for x, y in pairs))
         if isinstance(a, Sequence):
             assert isinstance(b, Sequence)
-            length = self.mapped(a.length, b.length, leaf)
+            length = self.leafwise(a.length, b.length, leaf)
             assert isinstance(length, (EmittedInts, KnownInt))
             pairs = zip(a.items, b.items, strict=True)
-            return Sequence(length, tuple(self.mapped(x, y, leaf) for x, y in pairs))
+            return Sequence(length, tuple(self.leafwise(x, y, leaf) for x, y in pairs))
         return leaf(a, b)
 
-    def merged(
+    def merged_value(
         self,
         a: Item,
         b: Item,
@@ -377,23 +377,23 @@ class EnclosureOperations:
         then: list[Step],
         otherwise: list[Step],
     ) -> Item:
-        """The value of a variable after a branch whose blocks left `a` and `b` in it."""
+        """The value of a variable after a branch, if its blocks end with `a` and `b` in it."""
 
         def leaf(x: Item, y: Item) -> Item:
             kind = kind_of(x)
-            variable = MergedVariable(kind, self.emitter.fresh(kind))
+            variable = MergedVariable(kind, self.emitter.new_variable_name(kind))
             variables.append(variable)
-            then.append(MergeStore(variable, self._stored(kind, x), second=False))
-            otherwise.append(MergeStore(variable, self._stored(kind, y), second=True))
+            then.append(MergeStore(variable, self._stored_expression(kind, x), second=False))
+            otherwise.append(MergeStore(variable, self._stored_expression(kind, y), second=True))
             return emitted_value(kind, variable.result)
 
-        return self.mapped(a, b, leaf)
+        return self.leafwise(a, b, leaf)
 
     def value_after_block(
         self, v: Item, variables: list[MergedVariable], block: list[Step]
     ) -> Item:
-        """A value that a block computed, for use after the block where it ran."""
-        v = opened(v) if isinstance(v, Constant) else v
+        """A value that a block computed, for use after that block, if it ran."""
+        v = as_parts(v) if isinstance(v, Constant) else v
         if isinstance(v, AggregateParts):
             return AggregateParts(
                 tuple(self.value_after_block(x, variables, block) for x in v.items)
@@ -407,22 +407,22 @@ class EnclosureOperations:
         if isinstance(v, (FloatRange, KnownInt, KnownTruth, Constant)):
             return v
         kind = kind_of(v)
-        variable = MergedVariable(kind, self.emitter.fresh(kind))
+        variable = MergedVariable(kind, self.emitter.new_variable_name(kind))
         variables.append(variable)
-        block.append(MergeStore(variable, self._stored(kind, v), second=False))
+        block.append(MergeStore(variable, self._stored_expression(kind, v), second=False))
         return emitted_value(kind, variable.result)
 
-    def _stored(self, kind: str, v: Item) -> c.CExpr:
+    def _stored_expression(self, kind: str, v: Item) -> c.CExpr:
         if kind == "form":
-            e = self.form(v)
+            e = self.form_of(v)
             assert isinstance(e, c.Unary)
             return e.operand
-        return self.ints(v) if kind == "ints" else self.truth(v)
+        return self.ints_of(v) if kind == "ints" else self.truth_of(v)
 
-    def element(self, target: Item, at: Item, t: Type) -> Item:
-        """The element of an array or list at an index that is inside."""
+    def element_at(self, target: Item, at: Item, t: Type) -> Item:
+        """The element of an array or list at an index that lies inside."""
         if isinstance(at, KnownInt):
-            whole = opened(target) if isinstance(target, Constant) else target
+            whole = as_parts(target) if isinstance(target, Constant) else target
             assert isinstance(whole, (AggregateParts, Sequence))
             return whole.items[at.value]
         if isinstance(target, Constant):
@@ -448,32 +448,32 @@ class EnclosureOperations:
             return self._element_of_items(tuple(Constant(t, v) for v in values), at)
         if isinstance(t, FloatType):
             items = tuple((None, float_literal(float(v))) for v in values)  # type: ignore[arg-type]
-            table = self.emitter.static("double", "table", c.Initializer(items), array=True)
-            return self._form("soter_n_table", table, self.ints(at))
+            table = self.emitter.static_name("double", "table", c.Initializer(items), array=True)
+            return self._form_result("soter_n_table", table, self.ints_of(at))
         items = tuple((None, whole_literal(int(v))) for v in values)  # type: ignore[call-overload]
-        table = self.emitter.static("int64_t", "table", c.Initializer(items), array=True)
-        return EmittedInts(self.emitter.emit("ints", "soter_ints_table", table, self.ints(at)))
+        table = self.emitter.static_name("int64_t", "table", c.Initializer(items), array=True)
+        return EmittedInts(self.emitter.emit("ints", "soter_ints_table", table, self.ints_of(at)))
 
     def _element_of_items(self, items: tuple[Item, ...], at: Item) -> Item:
-        """The item at an index: a join of several where the index is undecided."""
+        """The item at an index, or a join of several where the index is undecided."""
         selection = items[-1]
         if len(items) == 1:
             return selection
         for k in range(len(items) - 2, -1, -1):
             below = self.compare("<=", at, KnownInt(k))
-            selection = self.select(below, items[k], selection)
+            selection = self.selection(below, items[k], selection)
         return selection
 
 
 def emitted_value(kind: str, name: str) -> Form | EmittedInts | EmittedTruth:
-    """A variable of the emitted C as a value."""
+    """The value held by a variable of the emitted C, by its kind and name."""
     if kind == "form":
         return Form(c.Name(name))
     return EmittedInts(c.Name(name)) if kind == "ints" else EmittedTruth(c.Name(name))
 
 
 def kind_of(v: Item) -> str:
-    """The kind of C type of a scalar: `ints`, `truth` or `form`."""
+    """The kind of a scalar's C type: `ints`, `truth` or `form`."""
     if isinstance(v, (EmittedInts, KnownInt)):
         return "ints"
     return "truth" if isinstance(v, (EmittedTruth, KnownTruth)) else "form"

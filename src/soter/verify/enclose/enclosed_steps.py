@@ -1,7 +1,7 @@
 """The functions of an enclosure: SC, plants and predicates of a verification system.
 
-Purpose: `Enclosed` puts together one function: SC's step on what it reads, the plants' derivative
-or next state on what acts on them, or a predicate on true or estimated topics.
+Purpose: an `EnclosedFunction` emits one of them: SC's commands from its reads, the plants'
+derivatives or next states from what acts on them, or a predicate on true or estimated topics.
 Non-goals: printing (`compiled_enclosures.py`), statements (`core_enclosure.py`).
 """
 
@@ -29,8 +29,8 @@ from soter.verify.enclose.enclosure_emitter import (
     KnownInt,
     KnownTruth,
     Sequence,
-    at_most,
     float_literal,
+    rounded_down,
 )
 from soter.verify.enclose.enclosure_inputs import EnclosureInputs, leaf_key, leaf_values
 
@@ -47,8 +47,8 @@ if TYPE_CHECKING:
 FLOAT_MAX = sys.float_info.max
 
 
-class Enclosed:
-    """One function of the enclosure, while it is being emitted."""
+class EnclosedFunction:
+    """One function of the enclosure that is being emitted."""
 
     def __init__(
         self,
@@ -69,27 +69,27 @@ class Enclosed:
         self.functions = {f.name: f for f in core_system.functions}
         self.prelude = prelude
         self.estimated = False
-        """Whether topics are read with their errors."""
+        """Whether topics are read with their measurement errors."""
         self.moving = False
-        """Whether controls and disturbances are inputs, as of a derivative or a next state."""
+        """Whether controls and disturbances are inputs, as for derivatives and next states."""
         self._topics: dict[int, Item] = {}
         self._driven: dict[int, Item] | None = None
 
-    def body(self, more: Mapping[str, core.Function] | None = None) -> EnclosureBody:
-        """A new body that executes Core for this function."""
+    def new_body(self, more: Mapping[str, core.Function] | None = None) -> EnclosureBody:
+        """A new execution of Core that emits into this function."""
         functions = {**self.functions, **(more or {})}
-        return EnclosureBody(self.emitter, functions, self.cell, self.prelude)
+        return EnclosureBody(self.emitter, functions, self.cell_value, self.prelude)
 
-    def cell(self, cell: core.Cell, t: Type) -> Item:
+    def cell_value(self, cell: core.Cell, t: Type) -> Item:
         """The value of a cell: a state of a plant, or a topic."""
         if cell.kind == "state":
-            return self.inputs.state(cell.owner, cell.name, t)
+            return self.inputs.state_value(cell.owner, cell.name, t)
         assert cell.kind == "topic"
         if cell.owner not in self._topics:
-            self._topics[cell.owner] = self._topic(cell.owner)
+            self._topics[cell.owner] = self._topic_value(cell.owner)
         return self._topics[cell.owner]
 
-    def _topic(self, index: int) -> Item:
+    def _topic_value(self, index: int) -> Item:
         topic = self.system.topics[index]
         if topic.queue_of is not None:
             name = self.system.topics[topic.queue_of].name
@@ -97,18 +97,18 @@ class Enclosed:
             raise EnclosureError(msg)
         driven = any(o.topic == index for p in self.core.plants.values() for o in p.outputs)
         if self.moving:
-            # What another plant drives is sampled and erroneous: its whole set covers both.
-            return self.inputs.topic(topic, {} if driven else self.inputs.controls)
+            # another plant's topic is sampled, with errors: its whole set covers both
+            return self.inputs.topic_value(topic, {} if driven else self.inputs.controls)
         if driven and self._driven is not None:
-            bounds = self.error_bounds(index)
+            bounds = self.error_bound_by_path(index)
             true = self._driven[index]
             if not self.estimated or not bounds:
                 return true
-            return self.inputs.measured(index, topic.type, true, bounds=bounds)
-        return self.inputs.topic(topic, self.inputs.others if self.estimated else {})
+            return self.inputs.measured_value(index, topic.type, true, bounds=bounds)
+        return self.inputs.topic_value(topic, self.inputs.others if self.estimated else {})
 
-    def error_bounds(self, topic: int) -> dict[tuple[str, ...], float]:
-        """The error bounds of the measured leaves of a driven topic, by path."""
+    def error_bound_by_path(self, topic: int) -> dict[tuple[str, ...], float]:
+        """The bounds of the measurement errors of a driven topic's leaves, by path."""
         t = self.system.topics[topic].type
         all_paths = [p for p, _ in leaves(t)]
         return {
@@ -118,8 +118,8 @@ class Enclosed:
             if m.topic == topic
         }
 
-    def plants(self) -> list[tuple[Component, core.PlantStep]]:
-        """The verification plants; `EnclosureError` where one is extern."""
+    def plants_with_steps(self) -> list[tuple[Component, core.PlantStep]]:
+        """The verification plants with their steps; raises `EnclosureError` where one is extern."""
         plants = [(self.system.components[i], p) for i, p in sorted(self.core.plants.items())]
         for component, step in plants:
             if step.extern:
@@ -128,22 +128,22 @@ class Enclosed:
         return plants
 
     def _plant_body(self, component: Component, step: core.PlantStep) -> EnclosureBody:
-        """A new body in which a plant's states and disturbances are bound."""
-        body = self.body()
+        """A new execution in which a plant's states and disturbances are bound."""
+        body = self.new_body()
         for x in step.states:
-            body.bind(x.name, x.type, self.cell(x.cell, x.type))
+            body.bind(x.name, x.type, self.cell_value(x.cell, x.type))
         named = {d.variable.name: d for d in component.disturbances}
         drawn = zip(step.disturbances, component.disturbances, strict=True)
         for (name, t, _), d in drawn:
             assert named[d.variable.name] is d
-            value = self.inputs.disturbance(component.index, d, read=self.moving)
+            value = self.inputs.disturbance_value(component.index, d, read=self.moving)
             body.bind(name, t, value)
         return body
 
-    def drive(self) -> None:
-        """Sets the topics that plants drive to what they publish in the present states."""
+    def set_driven_topics(self) -> None:
+        """Computes the topics that plants drive from the states."""
         driven: dict[int, Item] = {}
-        for component, step in self.plants():
+        for component, step in self.plants_with_steps():
             body = self._plant_body(component, step)
             body.run(step.publish)
             for number, output in enumerate(step.outputs):
@@ -152,13 +152,13 @@ class Enclosed:
         self._topics = {}
 
     def _make_estimates(self, topics: Iterable[int]) -> None:
-        """Makes estimates before any branch: one first read in a branch is used after it, too."""
+        """Reads topics before any branch, as a value first read in one may be used after it."""
         for index in topics:
-            self._topics[index] = self._topic(index)
+            self._topics[index] = self._topic_value(index)
 
-    def law(self) -> list[c.CExpr]:
-        """The commands of SC, by leaf of the controls; `EnclosureError` where SC is extern."""
-        self.drive()
+    def commands_of_sc(self) -> list[c.CExpr]:
+        """The commands of SC, one per control; raises `EnclosureError` where SC is extern."""
+        self.set_driven_topics()
         self.estimated = True
         step = self.core.nodes[self.module.sc]
         component = self.system.components[self.module.sc]
@@ -166,7 +166,7 @@ class Enclosed:
             msg = f"SC `{component.name}` is extern: its commands cannot be enclosed"
             raise EnclosureError(msg)
         self._make_estimates(component.scope.topics.values())
-        body = self.body()
+        body = self.new_body()
         for x in step.locals:
             body.bind(x.name, x.type, self.ops.any_value(x.type))
         if step.takeover:
@@ -175,12 +175,14 @@ class Enclosed:
         published = {
             o.topic: self._value_behind_gate(body, k, o) for k, o in enumerate(step.outputs)
         }
-        return [self.operand(self._published_leaf(published, x)) for x in self.quantities.controls]
+        return [
+            self.leaf_form(self._published_leaf(published, x)) for x in self.quantities.controls
+        ]
 
     def _value_behind_gate(self, body: EnclosureBody, number: int, output: core.Output) -> Item:
-        """The value of a topic behind the gate: what was published and passed, or the last one."""
+        """The value of an output behind the gate: the published value, or the one before it."""
         topic = self.system.topics[output.topic]
-        held = self.inputs.topic(topic, {})
+        held = self.inputs.topic_value(topic, {})
         has, value, _ = body.frame.outputs.get(number, (KnownTruth(False), held, topic.type))
         checked: dict[tuple[str, ...], Item] = {}
         bounds = dict(zip((p for p, _ in leaves(topic.type)), output.bounds, strict=True))
@@ -194,17 +196,17 @@ class Enclosed:
         else:
             body.branch(has, check, lambda: None)
             checked = {p: v for p, _, v in leaf_values(topic.type, value)}
-        return self.ops.select(has, self.inputs.build(topic.type, checked), held)
+        return self.ops.selection(has, self.inputs.value_of_leaves(topic.type, checked), held)
 
     def _leaf_behind_gate(self, t: Type, v: Item, bound: Bound | None) -> Item:
-        """A leaf as it passes the gate; notes a fault if it may be outside its bounds."""
+        """A leaf behind the gate; notes a fault if the leaf may be outside its bounds."""
         if isinstance(t, FloatType):
             low, high = (bound.low, bound.high) if bound else (-float("inf"), float("inf"))
             ends = (float_literal(low), float_literal(high))
-            form = self.ops.form(v)
+            form = self.ops.form_of(v)
             return Form(self.emitter.emit("form", "soter_n_gate", form, *ends, FAULT, kept=True))
         if isinstance(t, IntType) and bound is not None:
-            return self.ops.narrowed(v, math.ceil(bound.low), math.floor(bound.high))
+            return self.ops.narrowed_int(v, math.ceil(bound.low), math.floor(bound.high))
         return v
 
     def _published_leaf(self, topics: Mapping[int, Item], leaf: Leaf) -> Item:
@@ -214,28 +216,28 @@ class Enclosed:
             raise EnclosureError(msg)
         return {p: v for p, _, v in leaf_values(t, topics[leaf.owner])}[leaf.path]
 
-    def operand(self, v: Item) -> c.CExpr:
-        """A leaf as a form for the caller; for a list it is any number."""
+    def leaf_form(self, v: Item) -> c.CExpr:
+        """The form of a leaf, as a result for the caller; of a list it is any number."""
         if isinstance(v, Sequence):
             v = FloatRange(-math.inf, math.inf)
-        return self.ops.form(v if kind_of(v) == "form" else self.ops.to_float(v))
+        return self.ops.form_of(v if kind_of(v) == "form" else self.ops.float_of_int(v))
 
-    def drives(self) -> list[c.CExpr]:
-        """The leaves of driven topics, topics by index, leaves in the order of declaration."""
-        self.drive()
+    def driven_leaves(self) -> list[c.CExpr]:
+        """The leaves of driven topics, ordered by the topic's index and their declaration."""
+        self.set_driven_topics()
         assert self._driven is not None
         return [
-            self.operand(v)
+            self.leaf_form(v)
             for topic, value in sorted(self._driven.items())
             for _, _, v in leaf_values(self.system.topics[topic].type, value)
         ]
 
-    def published(self) -> list[Item]:
-        """For each driven leaf with a set whether it lies there with every error; one for others.
+    def set_conditions(self) -> list[Item]:
+        """The condition, for each driven leaf with a set, that it lies there with every error.
 
-        The last condition is that leaves without a set are finite. To be called after `drive`. Left
-        out are lists, arrays too long to be numbered, and leaves that equal a state that is left
-        out, or that is read modulo a full turn.
+        The last condition is that leaves without a set are finite. To be called after
+        `set_driven_topics`. Lists, arrays too long to be numbered, and leaves that equal a state
+        that is no input or is read modulo a full turn have no condition.
         """
         assert self._driven is not None
         conditions: list[Item] = []
@@ -243,7 +245,7 @@ class Enclosed:
         for index, value in sorted(self._driven.items()):
             topic = self.system.topics[index]
             bounds = dict(zip((p for p, _ in leaves(topic.type)), topic.bounds, strict=True))
-            errors = self.error_bounds(index)
+            errors = self.error_bound_by_path(index)
             for path, t, v in leaf_values(topic.type, value):
                 bound = bounds.get(path)
                 if isinstance(t, FloatType):
@@ -253,28 +255,28 @@ class Enclosed:
                     ends = KnownInt(math.ceil(bound.low)), KnownInt(math.floor(bound.high))
                 else:
                     continue
-                turns = isinstance(v, Form) and v.turns > 0  # and is assumed to stay near
-                if bound is None and (self.ops.is_anything(v) or turns):
+                turns = isinstance(v, Form) and v.turns > 0  # assumed to stay near 0
+                if bound is None and (self.ops.is_any_number(v) or turns):
                     continue
                 inside = (self.ops.compare("<=", ends[0], v), self.ops.compare("<=", v, ends[1]))
                 if bound is None:
-                    rest = self.ops.both(rest, self.ops.both(*inside))
+                    rest = self.ops.conjunction(rest, self.ops.conjunction(*inside))
                 else:
-                    conditions.append(self.ops.both(*inside))
+                    conditions.append(self.ops.conjunction(*inside))
         return [*conditions, rest]
 
     @staticmethod
     def is_flow(core_system: core.CoreSystem) -> bool:
-        """Whether every plant that moves is an ODE and nothing else."""
+        """Whether every plant that moves follows a differential equation and nothing else."""
         moving = [p for p in core_system.plants.values() if p.integrate]
         functions = {f.name: f for f in core_system.functions}
         return bool(moving) and all(right_hand_side(p, functions) is not None for p in moving)
 
-    def derivative(self) -> list[c.CExpr]:
-        """The derivative of every state."""
+    def derivatives(self) -> list[c.CExpr]:
+        """The derivatives of all states, in their order."""
         self.moving = True
         derivatives: dict[tuple[int, str, tuple[str, ...]], Item] = {}
-        for component, step in self.plants():
+        for component, step in self.plants_with_steps():
             call = right_hand_side(step, self.functions)
             if call is None:
                 continue
@@ -284,42 +286,42 @@ class Enclosed:
             assert isinstance(record, RecordType)
             fields = record.fields
             cells = {x.cell.name: x for x in step.states}
-            x = AggregateParts(tuple(self.cell(cells[n].cell, t) for n, t in fields))
+            x = AggregateParts(tuple(self.cell_value(cells[n].cell, t) for n, t in fields))
             others = tuple(body.expr(a) for a in call.arguments[1:])
-            result = body.call(function, (x, *others))
+            result = body.result_of(function, (x, *others))
             for path, _, v in leaf_values(record, result):
                 derivatives[component.index, path[0], path[1:]] = v
-        zero = self.ops.form(FloatRange(0.0, 0.0))
+        zero = self.ops.form_of(FloatRange(0.0, 0.0))
         return [
-            self.operand(derivatives[leaf_key(s)]) if leaf_key(s) in derivatives else zero
+            self.leaf_form(derivatives[leaf_key(s)]) if leaf_key(s) in derivatives else zero
             for s in self.quantities.states
         ]
 
-    def next(self) -> list[c.CExpr]:
-        """The value of every state after one step of its plant."""
+    def next_states(self) -> list[c.CExpr]:
+        """The values of all states after one step of their plants, in their order."""
         self.moving = True
         next_values: dict[tuple[int, str, tuple[str, ...]], Item] = {}
-        for component, step in self.plants():
+        for component, step in self.plants_with_steps():
             body = self._plant_body(component, step)
             body.run(step.integrate)
             for x in step.states:
                 for path, _, v in leaf_values(x.type, body.frame.variables[x.name]):
                     next_values[component.index, x.cell.name, path] = v
-        return [self.operand(next_values[leaf_key(s)]) for s in self.quantities.states]
+        return [self.leaf_form(next_values[leaf_key(s)]) for s in self.quantities.states]
 
-    def predicate(
+    def truth_of_predicate(
         self, p: core.Predicate, more: Mapping[str, core.Function], *, estimated: bool
     ) -> c.CExpr:
         """The truth of a predicate of Core on true or estimated topics."""
-        return self.ops.truth(self._predicate_value(p, more, estimated=estimated))
+        return self.ops.truth_of(self._predicate_value(p, more, estimated=estimated))
 
     def _predicate_value(
         self, p: core.Predicate, more: Mapping[str, core.Function], *, estimated: bool
     ) -> Item:
-        self.drive()
+        self.set_driven_topics()
         self.estimated = estimated
         self._make_estimates(self.module.scope.topics.values())
-        body = self.body(more)
+        body = self.new_body(more)
         body.run(p.body)
         return body.expr(p.value)
 
@@ -332,38 +334,38 @@ class Enclosed:
             p = lower_predicate(table, system, module.scope, e, e.span)
         return self._predicate_value(p, table.by_name, estimated=estimated)
 
-    def expression(self, e: TypedExpr, *, estimated: bool) -> c.CExpr:
+    def truth_of_expression(self, e: TypedExpr, *, estimated: bool) -> c.CExpr:
         """The truth of a checked expression on true or estimated topics."""
-        return self.ops.truth(self._expression_value(e, estimated=estimated))
+        return self.ops.truth_of(self._expression_value(e, estimated=estimated))
 
-    def publishing(self, number: int | None = None) -> c.CExpr:
-        """The truth that plants publish within their sets: all conditions, or one of them."""
-        self.drive()
-        conditions = self.published()
-        return self.ops.truth(
-            reduce(self.ops.both, conditions if number is None else conditions[number : number + 1])
-        )
+    def truth_of_publishing(self, number: int | None = None) -> c.CExpr:
+        """The truth that plants publish within their sets: by all conditions, or by one."""
+        self.set_driven_topics()
+        conditions = self.set_conditions()
+        if number is not None:
+            conditions = conditions[number : number + 1]
+        return self.ops.truth_of(reduce(self.ops.conjunction, conditions))
 
-    def constraint(self, safe: TypedExpr) -> c.CExpr:
-        """C: `safe` on true states, and that plants can publish what they then drive."""
+    def truth_of_constraint(self, safe: TypedExpr) -> c.CExpr:
+        """The truth of C: `safe` holds on true states, and plants publish within their sets."""
         holds = self._expression_value(safe, estimated=False)
-        return self.ops.truth(reduce(self.ops.both, self.published(), holds))
+        return self.ops.truth_of(reduce(self.ops.conjunction, self.set_conditions(), holds))
 
 
 def room_of(bound: Bound | None, error: float) -> tuple[float, float]:
-    """The range in which a float stays inside its set with any error of up to `error` added.
+    """The range in which a float stays inside its set when an error up to `error` is added.
 
-    It is exact: a float within it, plus an error, stays in the set after the sum is rounded.
+    It is exact: the sum of a float in it and an error stays in the set after rounding.
     """
     low, high = (bound.low, bound.high) if bound is not None else (-FLOAT_MAX, FLOAT_MAX)
     least, most = Fraction(low) + Fraction(error), Fraction(high) - Fraction(error)
-    return -at_most(-least), at_most(most)
+    return -rounded_down(-least), rounded_down(most)
 
 
 def right_hand_side(
     step: core.PlantStep, functions: Mapping[str, core.Function]
 ) -> core.Call | None:
-    """The call of a plant's derivative function; None where the plant moves in steps (`next`)."""
+    """The call of a plant's derivative function; None: the plant moves in steps (`next`)."""
     calls = [
         s
         for s in _statements_in_loops(step.integrate)
@@ -378,7 +380,7 @@ def right_hand_side(
 
 
 def _statements_in_loops(statements: tuple[core.Stmt, ...]) -> list[core.Stmt]:
-    """Statements and those inside loops."""
+    """The statements, with those of loop bodies in the place of loops."""
     result: list[core.Stmt] = []
     for s in statements:
         result += _statements_in_loops(s.body) if isinstance(s, core.Loop) else [s]

@@ -1,9 +1,9 @@
-"""The intermediate form of an enclosure: its operations and values, and their printing as C.
+"""The intermediate form of an enclosure: its operations and values, and their C statements.
 
 Purpose: an `Emitter` collects operations in single-assignment form, with nested blocks for
-undecided branches; `without_unread` drops those whose results nobody reads; `statements` prints
-them. Records, arrays and lists are split into scalars, each of them known now or held by a variable
-of the emitted C.
+undecided branches; `without_unread` drops those whose results nothing reads; `c_statements_of`
+turns the rest into C. Records, arrays and lists are split into scalars, each of them known now or
+held by a variable of the emitted C.
 Non-goals: which operations (`core_enclosure.py`), what they do (`verify/engine/soter_form.h`).
 """
 
@@ -38,7 +38,7 @@ FAULT = c.Unary("&", c.Name("fault"))
 SIZE = c.Name("n")
 """The C variable that counts the symbols of the inputs that are read."""
 MAX_OPERATIONS = 60_000
-"""The most operations of one emitted function; loops and calls are written out."""
+"""The most operations of one emitted function, with loops and calls written out."""
 
 
 class EnclosureError(Exception):
@@ -47,19 +47,19 @@ class EnclosureError(Exception):
 
 @dataclass(eq=False)
 class Op:
-    """A call in C; `kind`: the type of its result, "form", "ints" or "truth"; "": it has none."""
+    """A call of a C function; `kind`: its result, "form", "ints", "truth", or "" for none."""
 
     kind: str
     result: str
     function: str
     arguments: tuple[c.CExpr, ...]
     kept: bool = False
-    """Whether it is needed even if nobody reads the result, as it may fault."""
+    """Whether the call is needed even if nothing reads its result, as it may fault."""
 
 
 @dataclass(eq=False)
 class MergedVariable:
-    """A variable in which both blocks of a branch leave their value."""
+    """A variable that both blocks of a branch set."""
 
     kind: str
     result: str
@@ -67,17 +67,17 @@ class MergedVariable:
 
 @dataclass(eq=False)
 class MergeStore:
-    """A store of a merged variable at the end of a block."""
+    """The store into a merged variable at the end of a block."""
 
     target: MergedVariable
     value: c.CExpr
     second: bool
-    """Whether it is in the otherwise-block, which joins its value with that of the then-block."""
+    """Whether this is the otherwise-block, which joins its value to that of the then-block."""
 
 
 @dataclass(eq=False)
 class EmittedBranch:
-    """A branch; each of its blocks runs if its side may be taken."""
+    """A branch on a condition; a block runs if its side may be taken, so both may run."""
 
     condition: c.CExpr
     merged: list[MergedVariable]
@@ -90,57 +90,54 @@ Step = Op | MergeStore | EmittedBranch
 
 @dataclass
 class Emitter:
-    """Collects the operations of one emitted function."""
+    """The collector of the operations of one emitted function."""
 
     statics: dict[tuple[str, str], c.VariableDef] = field(default_factory=dict)
     """The constant forms and tables of the whole unit, by type and content."""
     reads: dict[int, c.Name] = field(default_factory=dict)
     """The variable that holds the form of each input that is read."""
     block: list[Step] = field(default_factory=list)
-    """The block to which operations are added at present."""
+    """The block to which operations are added now."""
     operations: int = 0
     reads_turns: bool = False
-    """Whether something depends on how many full turns a state has made."""
+    """Whether any operation depends on how many full turns a state has made."""
     _next: int = 0
 
-    def fresh(self, kind: str) -> str:
+    def new_variable_name(self, kind: str) -> str:
         """The name of a new variable."""
         self._next += 1
         return f"{kind[0]}{self._next}"
 
     def emit(self, kind: str, function: str, *arguments: c.CExpr, kept: bool = False) -> c.Name:
-        """Adds an operation and returns the variable of its result.
-
-        `EnclosureError` where there are more than `MAX_OPERATIONS`.
-        """
+        """Adds an operation and returns its result's variable; `EnclosureError`: too many."""
         self.operations += 1
         if self.operations > MAX_OPERATIONS:
             msg = f"more than {MAX_OPERATIONS} operations when loops and calls are written out"
             raise EnclosureError(msg)
-        result = self.fresh(kind) if kind else ""
+        result = self.new_variable_name(kind) if kind else ""
         self.block.append(Op(kind, result, function, arguments, kept))
         return c.Name(result)
 
-    def read(self, number: int) -> c.Name:
-        """The variable that holds an input as a form."""
+    def input_variable(self, number: int) -> c.Name:
+        """The variable that holds the form of input `number`; notes that it is read."""
         return self.reads.setdefault(number, c.Name(f"x{number}"))
 
-    def static(self, type_: str, stem: str, value: c.Initializer, *, array: bool) -> c.Name:
-        """The name of a constant object of the unit, which is added if it is new."""
+    def static_name(self, type_: str, stem: str, value: c.Initializer, *, array: bool) -> c.Name:
+        """The name of a constant C object with this value; adds the object if it is new."""
         key = (type_ + "[]" * array, repr(value))
         if key not in self.statics:
             name = f"soter_{stem}_{len(self.statics)}"
             self.statics[key] = c.VariableDef(type_, name, value, array)
         return c.Name(self.statics[key].name)
 
-    def known(self, type_: str, value: c.Initializer) -> str:
-        """The name of a constant object that the unit has; "" where it has none."""
+    def name_of_constant(self, type_: str, value: c.Initializer) -> str:
+        """The name of the constant C object with this value; "" where there is none."""
         found = self.statics.get((type_, repr(value)))
         return "" if found is None else found.name
 
 
 def float_literal(x: float) -> c.CExpr:
-    """A literal of exactly this double."""
+    """The C literal of exactly this double."""
     if math.isnan(x):
         return c.Cast("double", c.Name("NAN"))
     if math.isinf(x):
@@ -150,17 +147,17 @@ def float_literal(x: float) -> c.CExpr:
 
 
 def address(place: c.CExpr) -> c.CExpr:
-    """The expression `&place`."""
+    """The C expression `&place`."""
     return c.Unary("&", place)
 
 
 def whole_literal(value: int) -> c.CExpr:
-    """A literal of this int64_t."""
+    """The C literal of this int64_t."""
     return int_number(value)
 
 
 def names_in(e: object) -> Iterator[str]:
-    """The names in some expressions of C."""
+    """The names in expressions and statements of C."""
     if isinstance(e, c.Name):
         yield e.text
     elif isinstance(e, tuple):
@@ -172,10 +169,10 @@ def names_in(e: object) -> Iterator[str]:
 
 
 def without_unread(block: list[Step], live: set[str], *, faults: bool = True) -> list[Step]:
-    """The block without operations whose results nobody reads.
+    """The block without the operations whose results nothing reads.
 
-    `live`: the variables that are read after the block; those read in it are added. `faults`:
-    operations that may fault stay in any case.
+    `live`: the variables read after the block; the function adds those read in it. `faults`: keep
+    all operations that may fault.
     """
     steps: list[Step] = []
     for s in reversed(block):
@@ -198,8 +195,8 @@ def without_unread(block: list[Step], live: set[str], *, faults: bool = True) ->
     return steps
 
 
-def statements(block: list[Step]) -> list[c.CStmt]:
-    """The C statements of a pruned block."""
+def c_statements_of(block: list[Step]) -> list[c.CStmt]:
+    """The C statements of a block from which unread operations are removed."""
     c_statements: list[c.CStmt] = []
     for s in block:
         if isinstance(s, Op):
@@ -223,9 +220,9 @@ def _call_statements(s: Op) -> list[c.CStmt]:
 def _branch_statements(s: EmittedBranch) -> list[c.CStmt]:
     c_statements: list[c.CStmt] = []
     for m in s.merged:
-        c_statements += _declaration_of(m)
+        c_statements += _declaration_of_merged(m)
     for block, bit in ((s.then, "2U"), (s.otherwise, "1U")):
-        inner = statements(block)
+        inner = c_statements_of(block)
         inner += [_store_statement(x, s.condition) for x in block if isinstance(x, MergeStore)]
         if inner:
             taken = c.Binary("!=", c.Binary("&", s.condition, c.Number(bit)), c.Number("0U"))
@@ -246,7 +243,7 @@ def _store_statement(s: MergeStore, condition: c.CExpr) -> c.CStmt:
     return c.Do(c.CallExpr(f"soter_{s.target.kind}_merge", (address(target), condition, s.value)))
 
 
-def _declaration_of(m: MergedVariable) -> list[c.CStmt]:
+def _declaration_of_merged(m: MergedVariable) -> list[c.CStmt]:
     """The declaration of a merged variable, with an arbitrary first value."""
     zero = c.Number("0.0")
     if m.kind == "form":
@@ -259,12 +256,12 @@ def _declaration_of(m: MergedVariable) -> list[c.CStmt]:
 def function_body(
     block: list[Step], reads: dict[int, c.Name], results: list[c.CStmt], *, faults: bool = True
 ) -> tuple[c.CStmt, ...]:
-    """The body of a function: inputs with symbols of their own, operations, results.
+    """The body of a C function: it reads inputs, each with its symbol, and gives results.
 
-    Without `faults` it reports faults only of operations that the results depend on.
+    Without `faults` it reports faults only of operations on which the results depend.
     """
     live = {n for s in results for n in names_in(s)}
-    inner = statements(without_unread(block, live, faults=faults))
+    inner = c_statements_of(without_unread(block, live, faults=faults))
     taken = {k: name for k, name in sorted(reads.items()) if name.text in live}
     numbers = c.Initializer(tuple((None, c.Number(str(k))) for k in taken))
     arguments = (c.Name("in"), c.Name("read"), c.Number(str(len(taken))), c.Name("symbols"))
@@ -281,7 +278,7 @@ def function_body(
 
 
 def result_statement(place: int, form: c.CExpr) -> c.CStmt:
-    """The statement that gives a resulting form to the caller."""
+    """The C statement that writes a resulting form to `out[place]`."""
     target = address(c.IndexExpr(c.Name("out"), c.Number(str(place))))
     return c.Do(c.CallExpr("soter_n_give", (SIZE, target, form, c.Name("symbols"))))
 
@@ -295,14 +292,14 @@ class Form:
 
     place: c.CExpr
     turns: int = 0
-    """How many states that are read modulo a full turn stand in it: each may be turns off."""
+    """The number of states in it that are read modulo a full turn, and may be turns away."""
     sums: int = 0
-    """How many sums made it since: each rounds by more where a state is many turns off."""
+    """The number of sums that made it: each rounds by more if a state is many turns away."""
 
 
 @dataclass(frozen=True)
 class FloatRange:
-    """A float known to lie in [low, high], both finite; low == high: exactly that one."""
+    """A float known to lie in [low, high], both finite; low == high: that float."""
 
     low: float
     high: float
@@ -317,7 +314,7 @@ class EmittedInts:
 
 @dataclass(frozen=True)
 class KnownInt:
-    """A known int or enum."""
+    """An int or enum whose value is known now."""
 
     value: int
 
@@ -331,7 +328,7 @@ class EmittedTruth:
 
 @dataclass(frozen=True)
 class KnownTruth:
-    """A bool known now: True, False, or None for "either"."""
+    """A bool known now as True or False, or None where it may be either."""
 
     value: bool | None
 
@@ -345,7 +342,7 @@ class AggregateParts:
 
 @dataclass(frozen=True)
 class Sequence:
-    """A bounded list: its length and `capacity` items."""
+    """A bounded list: its length, and as many items as its capacity."""
 
     length: EmittedInts | KnownInt
     items: tuple[Item, ...]
@@ -353,7 +350,7 @@ class Sequence:
 
 @dataclass(frozen=True)
 class Constant:
-    """A constant that is not split into its parts, as tables are large."""
+    """A constant that is not yet split into its parts, as tables are large."""
 
     type: Type
     value: Plain
@@ -378,8 +375,8 @@ def is_scalar(t: Type) -> bool:
     return isinstance(t, (BoolType, EnumType, FloatType, IntType))
 
 
-def opened(v: Constant) -> Item:
-    """The constant, split by one level; a float that is not finite stays a `Constant`."""
+def as_parts(v: Constant) -> Item:
+    """A constant split by one level; a float that is not finite stays a `Constant`."""
     t, value = v.type, v.value
     if isinstance(t, FloatType):
         x = float(value)
@@ -396,8 +393,8 @@ def opened(v: Constant) -> Item:
     return AggregateParts(tuple(Constant(f, x) for f, x in parts))
 
 
-def at_most(x: Fraction) -> float:
-    """The largest double not above `x` (-inf below all)."""
+def rounded_down(x: Fraction) -> float:
+    """The largest double that is at most `x`; -inf where `x` is below all doubles."""
     if x < -Fraction(LARGEST):
         return -math.inf
     if x >= Fraction(LARGEST):
@@ -406,30 +403,30 @@ def at_most(x: Fraction) -> float:
     return near if Fraction(near) <= x else math.nextafter(near, -math.inf)
 
 
-def enclosed(values: tuple[Fraction, ...]) -> FloatRange | None:
-    """The smallest range of doubles around exact values, and so around their rounded ones.
+def range_around(values: tuple[Fraction, ...]) -> FloatRange | None:
+    """The smallest range of doubles that holds exact values, and so their rounded ones.
 
     None where a value may round to infinity.
     """
-    low, high = at_most(min(values)), -at_most(-max(values))
+    low, high = rounded_down(min(values)), -rounded_down(-max(values))
     return FloatRange(low, high) if math.isfinite(low) and math.isfinite(high) else None
 
 
-def span_binary(op: str, a: FloatRange, b: FloatRange) -> FloatRange | None:
-    """The range of `a op b` by exact arithmetic; None: it cannot be computed now."""
+def range_of_binary(op: str, a: FloatRange, b: FloatRange) -> FloatRange | None:
+    """The range of `a op b`, by exact arithmetic; None: it cannot be computed now."""
     left, right = (Fraction(a.low), Fraction(a.high)), (Fraction(b.low), Fraction(b.high))
     if op == "+":
-        return enclosed((left[0] + right[0], left[1] + right[1]))
+        return range_around((left[0] + right[0], left[1] + right[1]))
     if op == "-":
-        return enclosed((left[0] - right[1], left[1] - right[0]))
+        return range_around((left[0] - right[1], left[1] - right[0]))
     if op == "*":
-        return enclosed(tuple(x * y for x in left for y in right))
+        return range_around(tuple(x * y for x in left for y in right))
     if right[0] <= 0 <= right[1]:
         return None
-    return enclosed(tuple(x / y for x in left for y in right))
+    return range_around(tuple(x / y for x in left for y in right))
 
 
-def span_unary(op: str, a: FloatRange) -> FloatRange | None:
+def range_of_unary(op: str, a: FloatRange) -> FloatRange | None:
     """The range of neg, abs, floor or sqrt of a range; None: it cannot be computed now."""
     if op == "neg":
         return FloatRange(-a.high, -a.low)
@@ -447,12 +444,12 @@ def span_unary(op: str, a: FloatRange) -> FloatRange | None:
     return None
 
 
-def compared(op: str, a: tuple[float, float], b: tuple[float, float]) -> bool | None:
-    """A comparison of two closed ranges of numbers: True, False, or None for either."""
+def comparison_of_ranges(op: str, a: tuple[float, float], b: tuple[float, float]) -> bool | None:
+    """The truth of `a op b` for numbers of two closed ranges: True, False, or None for either."""
     if op in {">", ">="}:
-        return compared("<" if op == ">" else "<=", b, a)
+        return comparison_of_ranges("<" if op == ">" else "<=", b, a)
     if op == "!=":
-        equal = compared("==", a, b)
+        equal = comparison_of_ranges("==", a, b)
         return None if equal is None else not equal
     if op == "==":
         if a[0] == a[1] == b[0] == b[1]:

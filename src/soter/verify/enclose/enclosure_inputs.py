@@ -1,11 +1,10 @@
-"""The inputs of an emitted enclosure: which leaf of a program each of them is.
+"""The inputs of an emitted function, each of which is a leaf of the program.
 
 Purpose: `EnclosureInputs` knows the number of each leaf that is an input, and reads it from `in[]`
 or `param[]` of the emitted function. It makes estimates (a driven topic plus its measurement
 errors), and gives the declared range to a leaf that is no input of the function. `leaf_values`
-goes through the leaves of a value.
-Non-goals: which leaves are inputs (`verify/problem/inputs.py`), what reads them
-(`enclosed_steps.py`).
+lists the leaves of a value.
+Non-goals: the choice of inputs (`verify/problem/inputs.py`), their readers (`enclosed_steps.py`).
 """
 
 from __future__ import annotations
@@ -35,8 +34,8 @@ from soter.verify.enclose.enclosure_emitter import (
     Item,
     Sequence,
     address,
+    as_parts,
     element_types,
-    opened,
     whole_literal,
 )
 
@@ -54,9 +53,9 @@ Key = tuple[int, str, Path]
 
 
 def leaf_values(t: Type, v: Item) -> Iterator[tuple[Path, Type, Item]]:
-    """The leaves of a value, with paths and types; the type has no lists."""
+    """The path, type and value of each leaf of a value whose type has no lists."""
     if isinstance(v, Constant):
-        v = opened(v)
+        v = as_parts(v)
     if isinstance(v, AggregateParts):
         for name, f, item in zip(part_names(t), element_types(t), v.items, strict=True):
             for path, leaf, x in leaf_values(f, item):
@@ -74,7 +73,7 @@ def part_names(t: Type) -> tuple[str, ...]:
 
 
 class EnclosureInputs:
-    """Reads leaves of `in[]` and `param[]` in one emitted function."""
+    """The reader of leaves from `in[]` and `param[]` in one emitted function."""
 
     def __init__(self, ops: EnclosureOperations, quantities: Quantities) -> None:
         self.ops = ops
@@ -88,10 +87,10 @@ class EnclosureInputs:
         self.parameter = {leaf_key(x): i for i, x in enumerate(q.parameters)}
         self.turning = q.turning
 
-    def leaf(self, number: int, t: Type) -> Item:
-        """Input number `number` as a value of a scalar type."""
+    def input_leaf(self, number: int, t: Type) -> Item:
+        """The value, of a scalar type, of input `number`."""
         if isinstance(t, FloatType):
-            return Form(self.ops.emitter.read(number), turns=int(number in self.turning))
+            return Form(self.ops.emitter.input_variable(number), turns=int(number in self.turning))
         place = c.IndexExpr(c.Name("in"), c.Number(str(number)))
         emit = self.ops.emitter.emit
         if isinstance(t, BoolType):
@@ -105,7 +104,7 @@ class EnclosureInputs:
         return EmittedInts(emit("ints", "soter_ints_input", address(place), *ends))
 
     def parameter_leaf(self, number: int, t: Type) -> Item:
-        """Parameter number `number`, of which the function is given the exact value."""
+        """The value of parameter `number`, which the caller passes exactly."""
         place = c.IndexExpr(c.Name("param"), c.Number(str(number)))
         emit = self.ops.emitter.emit
         if isinstance(t, BoolType):
@@ -113,65 +112,65 @@ class EnclosureInputs:
             return EmittedTruth(emit("truth", "soter_truth_of", *tests))
         return EmittedInts(emit("ints", "soter_ints_of", place, place))
 
-    def build(self, t: Type, known: dict[Path, Item]) -> Item:
-        """A value of a type, made of known leaves; a missing leaf is any value of its type."""
+    def value_of_leaves(self, t: Type, known: dict[Path, Item]) -> Item:
+        """The value of a type with these known leaves; any other leaf may have any value."""
 
-        def at(t: Type, path: Path) -> Item:
+        def part_at(t: Type, path: Path) -> Item:
             if path in known:
                 return known[path]
             if isinstance(t, (RecordType, ArrayType)):
                 below = zip(part_names(t), element_types(t), strict=True)
-                return AggregateParts(tuple(at(f, (*path, n)) for n, f in below))
+                return AggregateParts(tuple(part_at(f, (*path, n)) for n, f in below))
             return self.ops.any_value(t)
 
-        return at(t, ())
+        return part_at(t, ())
 
-    def state(self, owner: int, name: str, t: Type) -> Item:
+    def state_value(self, owner: int, name: str, t: Type) -> Item:
         """The value of a plant's state."""
         known: dict[Path, Item] = {}
         for path, leaf in leaves(t, whole_lists=True):
             k = (owner, name, path)
             if k in self.states:
-                known[path] = self.leaf(self.states[k], leaf)
+                known[path] = self.input_leaf(self.states[k], leaf)
             elif k in self.parameter:
                 known[path] = self.parameter_leaf(self.parameter[k], leaf)
-        return self.build(t, known)
+        return self.value_of_leaves(t, known)
 
-    def disturbance(self, owner: int, d: Disturbance, *, read: bool) -> Item:
-        """A disturbance: an input if the function reads it, else its whole range."""
+    def disturbance_value(self, owner: int, d: Disturbance, *, read: bool) -> Item:
+        """The value of a disturbance: an input if `read`, otherwise its whole range."""
         t, known = d.variable.type, {}
         for path, leaf in leaves(t, whole_lists=True):
             number = self.disturbances.get((owner, d.variable.name, path))
             if read and number is not None:
-                known[path] = self.leaf(number, leaf)
+                known[path] = self.input_leaf(number, leaf)
             else:
                 known[path] = self.ops.float_range(d.low, d.high)
-        return self.build(t, known)
+        return self.value_of_leaves(t, known)
 
-    def topic(self, topic: Topic, numbers: dict[Key, int]) -> Item:
-        """A topic that no plant drives: the inputs that `numbers` has, else its declared set."""
+    def topic_value(self, topic: Topic, numbers: dict[Key, int]) -> Item:
+        """The value of a topic, from the inputs in `numbers`, otherwise from its declared set."""
         known = self._declared_ranges(topic)
         for path, leaf in leaves(topic.type, whole_lists=True):
             number = numbers.get((topic.index, "", path))
             if number is not None:
-                known[path] = self.leaf(number, leaf)
-        return self.build(topic.type, known)
+                known[path] = self.input_leaf(number, leaf)
+        return self.value_of_leaves(topic.type, known)
 
     def _declared_ranges(self, topic: Topic) -> dict[Path, Item]:
         """The declared range of each leaf of a topic."""
         bounds = dict(zip((p for p, _ in leaves(topic.type)), topic.bounds, strict=True))
-        return {p: self.any_within(t, p, bounds) for p, t in leaves(topic.type, whole_lists=True)}
+        return {p: self.value_within(t, p, bounds) for p, t in leaves(topic.type, whole_lists=True)}
 
-    def any_within(self, t: Type, path: Path, bounds: dict[Path, Bound | None]) -> Item:
-        """Any value of a type within bounds."""
+    def value_within(self, t: Type, path: Path, bounds: dict[Path, Bound | None]) -> Item:
+        """An enclosure of all values of a type within bounds."""
         if isinstance(t, ListType):
             inner = {
-                q: self.any_within(f, (*path, "[]", *q), bounds)
+                q: self.value_within(f, (*path, "[]", *q), bounds)
                 for q, f in leaves(t.element, whole_lists=True)
             }
             length = self.ops.whole_range(0, t.capacity)
             zero = Constant(t.element, default_value(t.element))
-            item = self.ops.select(UNKNOWN, self.build(t.element, inner), zero)
+            item = self.ops.selection(UNKNOWN, self.value_of_leaves(t.element, inner), zero)
             return Sequence(length, (item,) * t.capacity)
         bound = bounds[path]
         if bound is None:
@@ -182,27 +181,27 @@ class EnclosureInputs:
             return self.ops.whole_range(math.ceil(bound.low), math.floor(bound.high))
         return self.ops.any_value(t)
 
-    def measured(self, topic: int, t: Type, true: Item, *, bounds: dict[Path, float]) -> Item:
-        """A driven topic as it is read: `true` plus its errors, which are inputs or ranges."""
+    def measured_value(self, topic: int, t: Type, true: Item, *, bounds: dict[Path, float]) -> Item:
+        """The value of a driven topic as it is read: `true` plus errors, inputs or ranges."""
 
-        def seen(t: Type, path: Path, v: Item) -> Item:
+        def measured_part(t: Type, path: Path, v: Item) -> Item:
             if path in bounds:
                 number = self.errors.get((topic, "", path))
                 limit = bounds[path]
                 error = (
-                    self.leaf(number, t)
+                    self.input_leaf(number, t)
                     if number is not None
                     else self.ops.float_range(-limit, limit)
                 )
                 return self.ops.binary("+", v, error)
             if isinstance(v, AggregateParts) and isinstance(t, (RecordType, ArrayType)):
                 below = zip(part_names(t), element_types(t), v.items, strict=True)
-                return AggregateParts(tuple(seen(f, (*path, n), x) for n, f, x in below))
+                return AggregateParts(tuple(measured_part(f, (*path, n), x) for n, f, x in below))
             return v
 
-        return seen(t, (), true)
+        return measured_part(t, (), true)
 
 
 def leaf_key(leaf: Leaf) -> Key:
-    """The key by which a leaf is looked up: its owner and path."""
+    """The key by which a leaf is looked up: its owner, member and path."""
     return leaf.owner, leaf.member, leaf.path

@@ -1,9 +1,9 @@
-"""A case of a verification under way.
+"""A case of a verification: the state of the proof under one combination of parameter values.
 
-Purpose: a `Case` is one combination of parameter values; each claim reads it, and enters a
-`Failure` where it is not shown. Its `proofs` are one for each group (`grid/claims.py`).
-`axes_entry` writes the axes of a certificate's entry. `ClaimTimer` counts the seconds of a claim;
-`settled_in_words` says, for whoever ends the command before it is done, which verdicts there are.
+Purpose: each claim reads a `Case`, and enters a `Failure` where the claim is not shown. A case has
+one proof for each group of states (`grid/claims.py`). `axes_entry` writes the axes of a group into
+the entry of a certificate. `ClaimTimer` counts the seconds of a claim. `verdicts_in_words` lists
+the verdicts reached so far for a user who interrupts the command.
 Non-goals: the claims (`claims.py`).
 
 Claims are asked of all groups in the order of docs/verification.md, section 3: C, K, R(H), then the
@@ -35,25 +35,25 @@ if TYPE_CHECKING:
 
 @dataclass
 class Failure:
-    """A claim that could not be shown, and the cells of a group where it fails, if known."""
+    """A claim that could not be shown, with the cells of a group where it fails, if known."""
 
     claim: str
     text: str
     proof: Any | None = None
-    """The proof of the group that fails (a `GridProof`); None: several are concerned."""
+    """The proof of the group that fails (a `GridProof`); None: several groups do."""
     cells: Bools | None = None
     hint: str = ""
     where: Region | None = None
-    """A box of states where it fails, if it is known."""
+    """A box of states where the claim fails; None: none is known."""
     stuck: bool = False
-    """Whether these are cells of K from which no way back was found (P2b)."""
+    """Whether `cells` are cells of K from which no way back was found (P2b)."""
     cut: bool = False
-    """Whether the claim was not examined to the end, as another one fails."""
+    """Whether the claim was not examined to the end because another claim fails."""
 
 
 @dataclass(eq=False)
 class Case:
-    """One combination of parameter values under way."""
+    """The proofs and failures under one combination of parameter values, while they are made."""
 
     problem: Problem
     parameter: tuple[int, ...]
@@ -67,46 +67,46 @@ class Case:
     counts: dict[str, int] = field(default_factory=dict)
     """Figures by name: `recover_ns`, the time T of P2b in ns; numbers of rounds, periods, cells."""
     vain: float = 0.0
-    """The share of cells that may be followed in vain; see `GridGroup.core`."""
+    """The share of cells that may be followed in vain; see `GridGroup.compute_core`."""
     holds: int = 0
-    """How many periods of SC may be computed for a cell; see `GridGroup.core`."""
+    """How many periods of SC may be computed for a cell; see `GridGroup.compute_core`."""
     lawful: FailsafeClaim | None = None
-    """What the fail-safe law keeps; None: it was not looked at."""
+    """The part of C that the fail-safe law keeps; None: the law was not examined."""
     first: Case | None = None
-    """The attempt on the declared grid, where this one is on a finer grid; else None."""
+    """The earlier attempt on the declared grid; None: this case is itself on that grid."""
 
     @property
     def sets(self) -> CaseSets:
-        """The sets of all groups, as results have them."""
+        """The sets of all groups, in the form in which results hold them."""
         return CaseSets(self.parameter, self.proofs)
 
     @property
     def fresh_proofs(self) -> list[Any]:
-        """The proofs of groups whose sets are still to be computed."""
+        """The proofs of the groups whose sets are still to be computed."""
         return [p for p in self.proofs if p.fresh]
 
     def failures_of(self, claim: str) -> list[Failure]:
-        """The failures of a claim."""
+        """The failures entered for one claim."""
         return [f for f in self.failures if f.claim == claim]
 
     def fail(self, claim: str, text: str, proof: object | None = None, hint: str = "") -> Failure:
-        """Enters a failure; gives it, so that the caller can add cells to it."""
+        """Enters a failure of a claim and returns it, so that the caller can add cells to it."""
         made = Failure(claim, text, proof, hint=hint)
         self.failures.append(made)
         return made
 
     def make_fresh(self, proof: Any) -> None:  # noqa: ANN401 - one of `proofs`
-        """Makes a group's proof fresh: it keeps none of the failures of an earlier attempt."""
+        """Marks a group's proof as one to be computed anew, and removes its failures."""
         proof.fresh = True
         self.failures = [f for f in self.failures if f.proof is not proof]
 
     def raise_count(self, name: str, value: int) -> None:
-        """Sets a count to the larger of its value and `value`."""
+        """Replaces the count called `name` by `value` if `value` is larger."""
         self.counts[name] = max(self.counts.get(name, 0), value)
 
 
 STAGE = {"P2a": "safe", "P3": "tubes", "ttf": "ttf", "safer": "safer", "P2b": "way"}
-"""The stage of progress that begins with a claim (`STAGES` of verify_module.py)."""
+"""The stage of the progress display that begins with each claim (`STAGES`, verify_module.py)."""
 
 
 class ClaimTimer:
@@ -137,8 +137,8 @@ class ClaimTimer:
         return [f"{self.case.problem.name}{at}: {until}; ended in {self.claim}"]
 
 
-def settled_in_words(*results: ModuleResult) -> list[str]:
-    """The verdicts, and what is open, for whoever ends the command before it is done."""
+def verdicts_in_words(*results: ModuleResult) -> list[str]:
+    """Lines with the verdicts and the open claims, for a user who interrupts the command."""
     lines = []
     for result in results:
         held = ", ".join(f"{name} {f.verdict}" for name, f in result.findings.items())
@@ -154,8 +154,8 @@ def settled_in_words(*results: ModuleResult) -> list[str]:
 
 
 @contextmanager
-def settled_before(notes: Callable[[], list[str]]) -> Iterator[None]:
-    """A `with` block in which an interruption carries the lines of `notes` as its notes."""
+def notes_on_interruption(notes: Callable[[], list[str]]) -> Iterator[None]:
+    """A `with` block that adds the lines of `notes` to the exception if the user interrupts it."""
     try:
         yield
     except KeyboardInterrupt as stopped:
@@ -166,7 +166,7 @@ def settled_before(notes: Callable[[], list[str]]) -> Iterator[None]:
 def axes_entry(
     problem: Problem, group: Group, stem: str, files: dict[str, bytes]
 ) -> dict[str, Any]:
-    """A part of an entry: a group's kind and axes; the breakpoints are added to `files`."""
+    """The kind and axes of a group for a certificate; adds the breakpoints to `files`."""
     entry: dict[str, Any] = {"kind": "grid", "axes": []}
     for k, axis in enumerate(group.axes):
         name = f"{stem}_axis{k}.bin"

@@ -46,9 +46,9 @@ if TYPE_CHECKING:
 def certificate_entry(
     problem: Problem, group: GroupSets, stem: str, files: dict[str, bytes]
 ) -> dict[str, object]:
-    """A group's entry in a certificate.
+    """The entry of a group in a certificate.
 
-    Its tables are added to `files`: witnesses as bytes, sets as bits.
+    Adds the group's tables to `files`: one byte a cell for witnesses, one bit a cell for sets.
     """
     group_entry = axes_entry(problem, group.group, stem, files)
     rank, holds = group.rank, group.rank_holds
@@ -63,8 +63,8 @@ def certificate_entry(
         "W_N": _table_bytes(holds, "<u1"),
     }
     if group.finer is not None:
-        own = axes_entry(problem, group.finer[1], f"{stem}_Q", files)
-        group_entry["Q_axes"] = [axis["edges"] for axis in own["axes"]]
+        finer_entry = axes_entry(problem, group.finer[1], f"{stem}_Q", files)
+        group_entry["Q_axes"] = [axis["edges"] for axis in finer_entry["axes"]]
     for key, data in tables.items():
         if data is not None:
             files[f"{stem}_{key}.bin"] = data
@@ -89,8 +89,8 @@ def _packed_bits(table: NDArray[Any] | None) -> bytes | None:
 
 
 HOLDS = 12
-"""The limit of periods per declared cell of C, on average, for a flow that is not linear: beyond it
-K is given up. Of eight such robots with a K the most was 3.2, of two without one the least 60."""
+"""The most periods of SC computed per declared cell of C, on average, for a nonlinear flow; beyond
+them K is given up. Eight such robots with a K needed 3.2 at most, two without one at least 60."""
 CROSSED = (
     "; the differential equation keeps {ends}, and that the scheme which integrates it does "
     "was not shown"
@@ -100,20 +100,20 @@ CROSSED_HINT = "ranges that end a little further out, where the flow points inwa
 
 @dataclass(eq=False)
 class GridProof:
-    """The proof of one group on a grid: its engine, and the sets that were found.
+    """The proof of one group on a grid: the group's engine, and the sets found so far.
 
-    Claims between K and the start are asked only if it is `fresh` and every group has a K.
+    The claims that follow from K are examined only if the proof is `fresh` and no K is empty.
     """
 
     group: Group
     engine: GridGroup
     found: GroupSets
     fresh: bool = True
-    """Whether its sets are still to be computed; else they are those of an earlier attempt."""
+    """Whether the sets are still to be computed; otherwise an earlier attempt computed them."""
 
     @property
     def cells(self) -> int:
-        """How many cells the grid has."""
+        """The number of cells of the grid."""
         return self.found.allowed.size
 
     @property
@@ -122,14 +122,14 @@ class GridProof:
         return self.found.return_ns
 
     def take_constraint(self, case: Case, part: CellsPart) -> None:
-        """Takes C_g, this group's part of C; a proof that had another one starts anew."""
+        """Stores C_g, this group's part of C; if it has changed the proof starts anew."""
         if not self.fresh and not np.array_equal(self.found.allowed, part.cells):
             case.make_fresh(self)
         if self.fresh:
             self.found.allowed = part.cells
 
     def find_core(self, case: Case) -> bool:
-        """Computes K, a greatest fixpoint; False, and a failure of P2a, if K is empty."""
+        """Computes K and returns whether it has cells; if not, enters a failure of P2a."""
         if self.engine.stiff:
             case.fail("P2a", self.engine.stiff, self, STIFF_HINT)
         rests = np.zeros(self.engine.shape, dtype=np.bool_)
@@ -155,7 +155,7 @@ class GridProof:
         return False
 
     def find_free_states(self, case: Case) -> None:
-        """Computes R(H), the states from which no command in U leads out of K within H."""
+        """Computes R(H): states from which no command in U leads out of K within the horizon H."""
         horizon = case.problem.whole_periods(case.problem.times.horizon_ns)
         self.found.free = self.engine.cells_safe_for(horizon, self.found.core > 0)
 
@@ -178,7 +178,7 @@ class GridProof:
             case.fail(predicate, text, self, hint).cells = wrong
 
     def why_not_entered(self, case: Case) -> str:
-        """Why `enters`, after which `safe` is not known, may hold outside R(H); or ""."""
+        """Why the predicate `enters` may hold outside R(H), in words; "" where it cannot."""
         del case
         assert self.found.free is not None
         wrong = int((self.engine.cells_maybe_true("enters") & ~self.found.free).sum())
@@ -186,49 +186,49 @@ class GridProof:
         return f"it may hold on {wrong:,} cells of {names} outside R(H)" if wrong else ""
 
     def find_levels(self, case: Case) -> None:
-        """Computes S_0, S_1, ..., the sets of estimates by which the DM decides."""
+        """Computes S_0, S_1, ...: the sets of estimates by which the DM decides."""
         estimate_sets.find_levels(case, self, self.engine, self.found)
 
     def without_levels(self) -> GridProof:
-        """A copy of this proof with C, K and R(H) only."""
+        """A copy of this proof that has no sets but C, K and R(H)."""
         f = self.found
         found = GroupSets(f.group, f.allowed, f.core, f.free, f.possible, solver=f.solver)
         return GridProof(self.group, self.engine, found)
 
     def take_table(self, case: Case, table: GroupTable) -> None:
-        """Takes the DM's table and computes the states from which AC may have control by it."""
+        """Stores the DM's table and computes the states in which it may let AC have control."""
         estimate_sets.enter_table(case, self, self.engine, self.found, table)
 
-    def wrong_at_start(self, at: tuple[NDArray[np.intp], ...], until_ns: int) -> list[Bools]:
-        """The initial cells that are not in C, in K, in R(h_0): three sets (cells, ...)."""
+    def unshown_start_cells(self, at: tuple[NDArray[np.intp], ...], until_ns: int) -> list[Bools]:
+        """The sets of initial cells outside C, outside K, and outside R(h_0), each (cells, ...)."""
         kept, found = self.found.core > 0, []
         for held in (self.found.allowed, kept, self.engine.cells_safe_for(until_ns, kept)):
             found.append(np.zeros_like(kept))
             found[-1][at] = ~held[at]
         return found
 
-    def at_start(self, case: Case) -> tuple[NDArray[np.intp], ...] | None:
-        """The cells of the initial states, one index an axis; None if the grid lacks some."""
+    def index_of_start_cells(self, case: Case) -> tuple[NDArray[np.intp], ...] | None:
+        """The index of the cells of the initial states, an array per axis; None: one is outside."""
         starts = [case.problem.initial[s] for s in self.engine.axes]
         box = cells_around_box(self.engine.spans, self.engine.turns, starts)
         at = [b for b in box if b is not None]
         return np.ix_(*at) if len(at) == len(box) else None
 
-    def states_given_back(self, case: Case) -> CellsPart | None:
-        """The states at which the DM's table gives AC control on any estimate."""
+    def cells_that_give_ac_control(self, case: Case) -> CellsPart | None:
+        """Cells where the DM's table gives AC control at every estimate; None: no table."""
         cells = estimate_sets.states_with_control(case, self.engine, self.found)
         return None if cells is None else CellsPart(self.engine, cells)
 
     def find_recovery(self, case: Case, target: CellsPart) -> None:
-        """Computes Q and W for a target, unless they are known for the same target."""
+        """Computes Q and W for a target set, unless they are already known for it."""
         before = None if self.fresh else self.found.target
         if before is not None and np.array_equal(before, target.cells):
             return
         recovery.enter_recovery(case, self, self.engine, self.found, target.cells)
 
     @property
-    def stuck(self) -> float:
-        """The share of K's cells from which no way to Q was found."""
+    def stuck_share(self) -> float:
+        """The share of the cells of K from which no way to Q was found."""
         core, rank = self.found.core > 0, self.found.rank
         if rank is None:
             return 0.0
@@ -236,11 +236,11 @@ class GridProof:
 
     @property
     def core_cells(self) -> int:
-        """How many cells K has."""
+        """The number of cells of K."""
         return int(np.count_nonzero(self.found.core))
 
-    def keep_way_only(self, case: Case) -> None:
-        """Makes W the new K; if Q has smaller cells, only what SC keeps of W's declared cells."""
+    def replace_core_by_way(self, case: Case) -> None:
+        """Replaces K by W, or, if Q is on smaller cells, by what SC keeps of W's declared cells."""
         part = self.found
         assert part.home is not None
         assert part.rank is not None
@@ -254,7 +254,7 @@ class GridProof:
         case.raise_count("longest", int(part.core.max()))
 
     def boxes_around(self, cells: Bools, parameters: Sequence[tuple[str, int]]) -> list[Region]:
-        """Gives boxes that together contain all of `cells`, a set of the grid's shape."""
+        """Boxes that together contain all of `cells`, a set of the grid's shape."""
         names = [a.name for a in self.group.axes]
         return regions_of(cells, names, self.engine.edges, parameters)
 
@@ -265,13 +265,13 @@ class GridProof:
 
     @property
     def simultaneous_controls(self) -> tuple[int, ...]:
-        """The commands that a chain takes to act at one instant: all, if several move the group."""
+        """The commands assumed to act at the same instant: all, if several move the group."""
         c = self.engine.c
         moved = tuple(int(c.command[a]) for a in range(c.commands))
         return moved if len(moved) > 1 else ()
 
-    def shares(self, case: Case) -> dict[str, float]:
-        """The share of the grid's volume of each set; `estimates`: S_0, if it is computed."""
+    def volume_shares(self, case: Case) -> dict[str, float]:
+        """The share of the grid's volume that each known set has, by name; `estimates` is S_0."""
         del case
         part, edges = self.found, drawn_edges(self.found.group.axes)
         sets = {
@@ -294,19 +294,19 @@ class GridProof:
 
     @property
     def core_share(self) -> float | None:
-        """The share of C's volume that K has; 0 where C is empty."""
+        """The share of the volume of C that K has; 0 where C is empty."""
         part, edges = self.found, drawn_edges(self.found.group.axes)
         whole = volume_share(part.allowed, edges)
         return volume_share((part.core > 0) & part.allowed, edges) / whole if whole else 0.0
 
     @property
     def free_share(self) -> float | None:
-        """The share of the grid's cells that R(H) has; None before it is known."""
+        """The share of the grid's cells that R(H) has; None where R(H) is not known."""
         return None if self.found.free is None else float(np.mean(self.found.free))
 
     @property
     def overlap_of_predicates(self) -> tuple[float, bool] | None:
-        """The share of K where AC gets and may keep control; whether there is any such state."""
+        """The share of K where AC gets and may keep control, and whether any cell is such a one."""
         part, edges = self.found, drawn_edges(self.found.group.axes)
         if part.lets_ac is None or part.gives_back is None:
             return None
@@ -314,14 +314,14 @@ class GridProof:
         whole = volume_share(core, edges)
         return volume_share(lets & core, edges) / whole if whole else 1.0, bool(lets.any())
 
-    def excludes(self, predicate: str) -> bool:
-        """Whether a predicate, as known so far, lets AC have control at no cell of K."""
+    def never_lets_ac(self, predicate: str) -> bool:
+        """Whether a predicate is known to let AC have control at no cell of K."""
         part = self.found
         lets = part.lets_ac if predicate == "ttf" else part.gives_back
         return lets is not None and not (lets & (part.core > 0)).any()
 
-    def lets_share(self, case: Case, predicate: str) -> float | None:
-        """The share of K where a predicate, or the DM's table, lets AC have control."""
+    def share_of_core_with_ac(self, case: Case, predicate: str) -> float | None:
+        """The share of K where a predicate, or the table, lets AC have control; None: unknown."""
         del case
         part, edges = self.found, drawn_edges(self.found.group.axes)
         by_predicate = part.deployed or (part.lets_ac, part.gives_back)
@@ -332,18 +332,18 @@ class GridProof:
         )
 
     def waits_at_start(self, case: Case) -> bool:
-        """Whether AC surely gets no control at the initial states."""
-        at, gives_back = self.at_start(case), self.found.gives_back
+        """Whether AC certainly gets no control at the initial states."""
+        at, gives_back = self.index_of_start_cells(case), self.found.gives_back
         return at is not None and gives_back is not None and not gives_back[at].any()
 
     @property
-    def deepest(self) -> Mapping[int, float]:
-        """The middle of a cell far inside C: a number by state."""
+    def deepest_state(self) -> Mapping[int, float]:
+        """The middle of a cell far inside C: a value by the number of its state."""
         return deepest_cell(self.found)
 
     @property
-    def pair(self) -> Estimates | None:
-        """S_0 and S_(m-2) in the grid's shape, and what a shield permits; None without levels."""
+    def estimate_levels(self) -> Estimates | None:
+        """S_0 and S_(m-2), with the commands that a shield permits; None if there are no levels."""
         part = self.found
         if not part.levels:
             return None
@@ -360,8 +360,8 @@ class GridProof:
         """The group's entry in a certificate; its tables are added to `files`."""
         return certificate_entry(problem, self.found, stem, files)
 
-    def figures(self, note: str) -> list[RegionFigure]:
-        """The figure of the grid's regions, as the only one."""
+    def region_figures(self, note: str) -> list[RegionFigure]:
+        """A list of one figure, which shows the regions of the grid."""
         return [figure_of_regions(self.found, note)]
 
 
@@ -376,21 +376,18 @@ HOW = {
 
 
 def new_proof(case: Case, group: Group) -> GridProof:
-    """A new proof of a group, with an engine of its own.
-
-    `UnboundedError` where the dynamics have no enclosure.
-    """
+    """A new proof of a group, with a new engine; may raise `UnboundedError`."""
     library, problem = case.forms.library, case.problem
-    engine = GridGroup.of(library, problem, group, case.parameter)
+    engine = GridGroup.for_group(library, problem, group, case.parameter)
     allowed = np.zeros(engine.shape, dtype=np.bool_)
     core = np.zeros(engine.shape, dtype=np.uint8)
     return GridProof(group, engine, GroupSets(group, allowed, core, solver=engine))
 
 
-def set_factors(case: Case, predicate: str) -> list[CellsPart] | None:
-    """For each group the cells on which a predicate holds, with other groups at one point.
+def factors_of_predicate(case: Case, predicate: str) -> list[CellsPart] | None:
+    """For each group the cells on which a predicate holds while other groups stay at one point.
 
-    None where there are no such cells. That C is the product of these is checked later.
+    None where a group has no such cell. A later check shows that the set is their product.
     """
     engines = [p.engine for p in case.proofs]
     if len(engines) == 1:
@@ -405,9 +402,9 @@ def set_factors(case: Case, predicate: str) -> list[CellsPart] | None:
     return None
 
 
-def cut_to_hint(case: Case, parts: Sequence[CellsPart]) -> list[CellsPart] | None:
-    """The cells of `parts` on which the program's `core e;` holds, too; None: it holds nowhere."""
-    hints = set_factors(case, "core")
+def parts_within_core_hint(case: Case, parts: Sequence[CellsPart]) -> list[CellsPart] | None:
+    """The cells of `parts` on which `core e;` of the program holds, too; None: it holds nowhere."""
+    hints = factors_of_predicate(case, "core")
     if hints is None:
         return None
     both = zip(parts, hints, strict=True)
@@ -415,7 +412,7 @@ def cut_to_hint(case: Case, parts: Sequence[CellsPart]) -> list[CellsPart] | Non
 
 
 def proved_in_words(done: Sequence[Case], claim: str) -> tuple[str, dict[str, int]]:
-    """The text of a proved P2a, `ttf` or `safer`, with its counts of cells."""
+    """The text for a proved claim (P2a, `ttf` or `safer`), and the figures in it by name."""
     every = [p.found for c in done for p in c.proofs]
     if claim == "P2a":
         cells, of = (sum(int(n) for n in x) for x in _cell_counts(every))
@@ -431,8 +428,8 @@ def proved_in_words(done: Sequence[Case], claim: str) -> tuple[str, dict[str, in
     return f"on {cells:,} cells", {"cells": cells}
 
 
-def pack(every: Estimates) -> dict[str, NDArray[np.generic]]:
-    """The levels as arrays to store: sets as bits, eight cells a byte, of shape (bytes,)."""
+def arrays_of_levels(every: Estimates) -> dict[str, NDArray[np.generic]]:
+    """The levels as arrays that can be stored: eight cells a byte, of shape (bytes,)."""
     both = (every.outer, every.inner)
     packed: dict[str, NDArray[np.generic]] = {
         str(k): np.packbits(np.asarray(cells)) for k, cells in enumerate(both)
@@ -446,10 +443,10 @@ def pack(every: Estimates) -> dict[str, NDArray[np.generic]]:
     return packed
 
 
-def unpack(group: Group, arrays: Arrays) -> Estimates:
-    """The levels that `pack` stored: two sets of the grid's shape, and the shield's part.
+def levels_from_arrays(group: Group, arrays: Arrays) -> Estimates:
+    """The levels that `arrays_of_levels` made into arrays; sets have the grid's shape.
 
-    `KeyError` or `ValueError` where these are other arrays.
+    Raises `KeyError` or `ValueError` where the arrays are not of that kind.
     """
     shape = tuple(len(a.edges) - 1 for a in group.axes)
     outer, inner = (_unpacked_cells(np.asarray(arrays[k], np.uint8), shape) for k in ("0", "1"))
@@ -462,12 +459,12 @@ def unpack(group: Group, arrays: Arrays) -> Estimates:
     return Estimates(outer, inner, commands)
 
 
-def pair_in_certificate(
+def levels_in_certificate(
     certificate: Certificate, group: Group, entry: Mapping[str, Any]
 ) -> Estimates | None:
-    """The levels that a certificate has of a group, without what a shield permits.
+    """The levels of a group in a certificate, without the commands that a shield permits.
 
-    `RejectedError` where its files do not have the size that they should.
+    None: it has no levels. Raises `RejectedError` where a file has the wrong size.
     """
     levels = entry.get("S", [])
     if not levels:
@@ -478,7 +475,7 @@ def pair_in_certificate(
 
 
 def _cell_counts(every: Sequence[GroupSets]) -> tuple[list[int], list[int]]:
-    """The numbers of cells of K, and those of the grids, a number per group."""
+    """The numbers of cells of K, and the numbers of cells of the grids, one a group."""
     return [int((g.core > 0).sum()) for g in every], [g.core.size for g in every]
 
 

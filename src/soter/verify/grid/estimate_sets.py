@@ -1,4 +1,4 @@
-"""Sets of estimates on a grid: levels, what of them a DM holds, and what a shield permits there.
+"""Sets of estimates on a grid: levels, the DM's table of them, commands that a shield permits.
 
 Purpose: `find_levels` computes S_0, S_1, ... by eroding R(H) (docs/verification.md, section 3);
 `enter_table` takes the DM's table, which all cases share, and enters the states from which AC may
@@ -27,7 +27,7 @@ import numpy as np
 from soter.verify.deploy.level_tables import FULL
 from soter.verify.deploy.shield_tables import command_edges
 from soter.verify.grid.sets import GridGroup
-from soter.verify.problem.inputs import errors_of, topics_seen_by_dm
+from soter.verify.problem.inputs import errors_by_state, topics_seen_by_dm
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -44,12 +44,12 @@ def find_permitted_commands(
     proof: object,
     engine: GridGroup,
     part: GroupSets,
-    anywhere: Callable[[Bools], Bools],
+    all_unseen: Callable[[Bools], Bools],
 ) -> None:
     """Fills in `part.tops`; enters a failure of `ttf` where the group can have no shield.
 
-    `anywhere` keeps those cells, in the grid's shape, that are in a set at every place on unseen
-    axes.
+    `all_unseen` is a function that removes from a set, of the grid's shape, the cells which are
+    not in it at every place on the axes that the DM does not see.
     """
     problem = case.problem
     assert problem.module.shield is not None
@@ -65,13 +65,13 @@ def find_permitted_commands(
     part.command = int(engine.c.command[0])
     limits = problem.controls[part.command]
     edges = command_edges(limits.low, limits.high, n)
-    core, errors = part.core > 0, errors_of(problem)
+    core, errors = part.core > 0, errors_by_state(problem)
     horizon = problem.whole_periods(problem.times.horizon_ns)
     for i in range(n):
         permitted = np.ones(part.allowed.shape, dtype=np.bool_)
         for j in range(i, n if problem.kind == "flow" else i + 1):
             box = engine_with_command_in(engine, part.command, edges[i], edges[j + 1])
-            permitted &= anywhere(engine.erode(box.cells_safe_for(horizon, core), errors))
+            permitted &= all_unseen(engine.erode(box.cells_safe_for(horizon, core), errors))
             if not permitted.any():
                 break
             part.tops[permitted, i] = j + 1
@@ -82,11 +82,11 @@ def find_permitted_commands(
     for i in range(n):
         box = engine_with_command_in(engine, part.command, edges[i], edges[i + 1])
         free = engine.erode(box.cells_safe_for(longer, core), errors)
-        part.lasting[..., i] = anywhere(engine.erode(free, errors))
+        part.lasting[..., i] = all_unseen(engine.erode(free, errors))
 
 
 def _why_no_shield(problem: Problem, engine: GridGroup) -> tuple[str, str] | None:
-    """Why a group can have no shield, and advice; None where it can have one."""
+    """Why a group can have no shield, in words, and advice; None where it can have one."""
     first_age = {t.symbol: t.max_age_ns for t in reversed(problem.system.topics)}
     ageless = {s.name for s in topics_seen_by_dm(problem).values() if first_age[s] is None}
     if ageless:
@@ -102,7 +102,7 @@ def _why_no_shield(problem: Problem, engine: GridGroup) -> tuple[str, str] | Non
 
 
 def engine_with_command_in(engine: GridGroup, control: int, low: float, high: float) -> GridGroup:
-    """The engine of the same group with this command in [low, high]."""
+    """An engine for the same group in which one command lies in [low, high]."""
     controls = list(engine.inputs.controls)
     controls[control] = (low, high)
     return GridGroup(
@@ -119,19 +119,19 @@ def engine_with_command_in(engine: GridGroup, control: int, low: float, high: fl
 def find_levels(case: Case, proof: object, engine: GridGroup, part: GroupSets) -> None:
     """Fills in S_0 ... S_(m-2); enters failures of `ttf` and `safer` where these sets are empty."""
     problem = case.problem
-    errors, shown = errors_of(problem), topics_seen_by_dm(problem)
+    errors, shown = errors_by_state(problem), topics_seen_by_dm(problem)
     window = problem.whole_periods(problem.times.between_states)
     assert part.free is not None
     blind = tuple(k for k, a in enumerate(engine.axes) if a not in shown)
-    part.levels = [_at_any_place(engine.erode(part.free, errors), blind)]
+    part.levels = [_cells_at_every_place(engine.erode(part.free, errors), blind)]
     for _ in range(max(problem.levels, 2) - 2):
         inner = engine.erode(part.levels[-1], errors)
         following = engine.cells_safe_for(window, inner)
-        estimates = _at_any_place(engine.erode(following, errors), blind)
+        estimates = _cells_at_every_place(engine.erode(following, errors), blind)
         part.levels.append(estimates & part.levels[-1])
     if problem.module.shield is not None:
         find_permitted_commands(
-            case, proof, engine, part, lambda cells: _at_any_place(cells, blind)
+            case, proof, engine, part, lambda cells: _cells_at_every_place(cells, blind)
         )
     names = [problem.quantities.states[engine.axes[k]].name for k in blind]
     hint = problem.advice_where_empty
@@ -144,8 +144,8 @@ def find_levels(case: Case, proof: object, engine: GridGroup, part: GroupSets) -
             case.fail(claim, text, proof, hint).cells = part.free
 
 
-def _at_any_place(cells: Bools, axes: tuple[int, ...]) -> Bools:
-    """The cells that are in the set wherever they lie on these axes."""
+def _cells_at_every_place(cells: Bools, axes: tuple[int, ...]) -> Bools:
+    """The cells that are in the set at every place along these axes."""
     if not axes:
         return cells
     every: Bools = np.asarray(cells.all(axis=axes, keepdims=True), dtype=np.bool_)
@@ -155,9 +155,9 @@ def _at_any_place(cells: Bools, axes: tuple[int, ...]) -> Bools:
 def enter_table(
     case: Case, proof: object, engine: GridGroup, part: GroupSets, table: GroupTable
 ) -> None:
-    """Fills in the states from which AC may have control by the table; if none, a failure."""
-    errors = errors_of(case.problem)
-    outer, inner = part.deployed = _sets_of_table(part, table)
+    """Fills in where AC may have control by the DM's table; enters a failure where it never may."""
+    errors = errors_by_state(case.problem)
+    outer, inner = part.deployed = _levels_of_table(part, table)
     assert part.free is not None
     part.lets_ac = engine.dilate(outer, errors) & part.free
     part.gives_back = engine.dilate(inner, errors) & part.free
@@ -169,15 +169,15 @@ def enter_table(
             case.fail(claim, text, proof, hint).cells = part.free
 
 
-def _sets_of_table(part: GroupSets, table: GroupTable) -> tuple[Bools, Bools]:
-    """S_0 and S_(m-2) of a table, over all axes of its group."""
+def _levels_of_table(part: GroupSets, table: GroupTable) -> tuple[Bools, Bools]:
+    """The sets S_0 and S_(m-2) of a table, extended over all axes of its group."""
     shape = [len(a.edges) - 1 if a.state in table.states else 1 for a in part.group.axes]
     entries = np.broadcast_to(table.entries.reshape(shape), part.allowed.shape)
     return entries > 0, entries >= FULL
 
 
 def states_with_control(case: Case, engine: GridGroup, part: GroupSets) -> Bools | None:
-    """The states, in the grid's shape, where AC gets control on any estimate; None: no table."""
+    """The states, in the grid's shape, where AC gets control at every estimate; None: no table."""
     if part.deployed is None:
         return None
-    return engine.erode(part.deployed[1], errors_of(case.problem))
+    return engine.erode(part.deployed[1], errors_by_state(case.problem))

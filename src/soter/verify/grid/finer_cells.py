@@ -1,10 +1,8 @@
 """Finds Q on smaller cells than the declared ones, where `safer` is computed.
 
 Purpose: where Q is empty on the declared cells, `find_q_on_finer_cells` tries smaller ones: each
-interval in which `safer` lies is cut in two, then in four. Whether that is done depends on counts
-of cells alone.
-Non-goals: the way to Q (`recovery.py`); a `safer` of the user's own, for which the whole grid is
-refined (`grid_refinement.py`).
+interval in which `safer` lies is cut in two, then in four. Counts of cells decide whether it is.
+Non-goals: the way to Q (`recovery.py`); a `safer` that the user wrote (`grid_refinement.py`).
 """
 
 from __future__ import annotations
@@ -14,9 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.verify.grid.grid_refinement import with_halved_cells
+from soter.verify.grid.grid_refinement import axis_with_halved_cells
 from soter.verify.grid.sets import GridGroup
-from soter.verify.problem.inputs import errors_of
+from soter.verify.problem.inputs import errors_by_state
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -34,18 +32,18 @@ SIZES = (("half", 80_000), ("a quarter of", 20_000))
 
 @dataclass(frozen=True, eq=False)
 class FinerQ:
-    """Q on smaller cells than the declared ones: those of `engine`; `home` holds its witnesses."""
+    """The set Q on the cells of `engine`, smaller than the declared ones; `home`: its witnesses."""
 
     engine: GridGroup
     group: Group
     size: str
     """The size of its smallest cells, in words."""
     origin: tuple[NDArray[np.intp], ...]
-    """An index: `cells[origin]` is a set `cells` of declared cells, on the cells of `engine`."""
+    """An index: `cells[origin]` transfers a set of declared cells to the cells of `engine`."""
     home: NDArray[np.uint8]
 
     def declared_cells(self, cells: Bools) -> Bools:
-        """The declared cells, in their grid's shape, that have one of these small cells in them."""
+        """The declared cells, in their grid's shape, that contain any of the small cells."""
         found = np.zeros([int(at.max()) + 1 for at in self.origin], dtype=np.bool_)
         np.logical_or.at(found, self.origin, cells)
         return found
@@ -54,15 +52,15 @@ class FinerQ:
 def find_q_on_finer_cells(
     case: Case, engine: GridGroup, part: GroupSets
 ) -> tuple[FinerQ | None, str]:
-    """Q on the largest smaller cells on which there is one; else None and the sizes tried."""
+    """Q on the largest of the smaller cells that have one; else None, and the sizes tried."""
     assert part.deployed is not None
     inner = part.deployed[1]
     group, tried = part.group, []
     for size, most in SIZES:
-        group = _with_halved_intervals(group, part.group, inner)
-        fine = engine_on(case, engine, group)
+        group = _group_with_halved_intervals(group, part.group, inner)
+        fine = engine_on_cells_of(case, engine, group)
         origin = index_of_declared_cells(part, group)
-        target = target_on(case, fine, part, origin)
+        target = target_on_small_cells(case, fine, part, origin)
         if not target.any():
             continue
         if np.count_nonzero(target) > most:
@@ -74,36 +72,40 @@ def find_q_on_finer_cells(
     return None, " or ".join(tried)
 
 
-def engine_on(case: Case, engine: GridGroup, group: Group) -> GridGroup:
+def engine_on_cells_of(case: Case, engine: GridGroup, group: Group) -> GridGroup:
     """An engine for the same dynamics on the cells of `group`."""
-    return GridGroup.of(engine.library, case.problem, group, case.parameter, threads=engine.threads)
-
-
-def target_on(
-    case: Case, fine: GridGroup, part: GroupSets, origin: tuple[NDArray[np.intp], ...]
-) -> Bools:
-    """The small cells of C, in their grid's shape, where DM gives AC control on any estimate."""
-    assert part.deployed is not None
-    return fine.erode(part.deployed[1][origin], errors_of(case.problem)) & part.allowed[origin]
-
-
-def index_of_declared_cells(part: GroupSets, group: Group) -> tuple[NDArray[np.intp], ...]:
-    """An index: `cells[index]` is a set of declared cells, in the shape of the cells of `group`."""
-    return np.ix_(
-        *(_intervals_of(a, np.array(b.edges)) for a, b in zip(part.edges, group.axes, strict=True))
+    return GridGroup.for_group(
+        engine.library, case.problem, group, case.parameter, threads=engine.threads
     )
 
 
-def _with_halved_intervals(group: Group, declared: Group, inner: Bools) -> Group:
-    """The group with each interval cut in two in which a cell of the declared set `inner` lies."""
+def target_on_small_cells(
+    case: Case, fine: GridGroup, part: GroupSets, origin: tuple[NDArray[np.intp], ...]
+) -> Bools:
+    """The small cells of C, in their grid's shape, where DM gives AC control at every estimate."""
+    assert part.deployed is not None
+    return (
+        fine.erode(part.deployed[1][origin], errors_by_state(case.problem)) & part.allowed[origin]
+    )
+
+
+def index_of_declared_cells(part: GroupSets, group: Group) -> tuple[NDArray[np.intp], ...]:
+    """The index with which `cells[index]` transfers declared cells to the cells of `group`."""
+    return np.ix_(
+        *(_interval_ids(a, np.array(b.edges)) for a, b in zip(part.edges, group.axes, strict=True))
+    )
+
+
+def _group_with_halved_intervals(group: Group, declared: Group, inner: Bools) -> Group:
+    """The group, its intervals cut in two that hold a cell of the set `inner` of declared cells."""
     axes = []
     for k, axis in enumerate(group.axes):
         near = np.asarray(inner.any(axis=tuple(i for i in range(inner.ndim) if i != k)))
-        at = _intervals_of(declared.axes[k].edges, np.array(axis.edges))
-        axes.append(with_halved_cells(axis, near[at]))
+        at = _interval_ids(declared.axes[k].edges, np.array(axis.edges))
+        axes.append(axis_with_halved_cells(axis, near[at]))
     return replace(group, axes=tuple(axes))
 
 
-def _intervals_of(declared: Sequence[float], edges: NDArray[np.float64]) -> NDArray[np.intp]:
+def _interval_ids(declared: Sequence[float], edges: NDArray[np.float64]) -> NDArray[np.intp]:
     """For each interval of an axis the number of the declared interval that holds it."""
     return np.maximum(np.searchsorted(np.array(declared), edges[:-1], side="right") - 1, 0)

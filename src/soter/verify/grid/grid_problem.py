@@ -1,4 +1,4 @@
-"""The inputs of a grid group's analysis: ranges and times.
+"""The ranges and times from which the analysis of a group on a grid starts.
 
 Purpose: `grid_inputs_of` reads the ranges, times and scheme of one module for `GridGroup`; tests
 write them by hand.
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class GridInputs:
-    """The inputs of a group's analysis; build them with `grid_inputs_of`, or by hand in tests.
+    """The inputs of the analysis of a group, made by `grid_inputs_of`, or by hand in tests.
 
     Ranges are (low, high) pairs in the order of the inputs of the enclosure unit.
     """
@@ -40,8 +40,8 @@ class GridInputs:
     jitter_ns: int = 0
     """j: the length of the window in which an output of SC acts."""
     read_age_ns: int = 0
-    """D: how old the read behind a command may be while that acts, where commands may act later
-    than half a period (`Schedule.read_age`); 0: they may not, and d and j are used."""
+    """D: the largest age of the read behind a command while the command acts (`Schedule.read_age`).
+    0: no command acts later than half a period, so d and j are used."""
     parameters: tuple[int, ...] = ()
     plant_period_ns: int = 0
     """The simulator's RK4 step, whose error becomes a disturbance; 0: it is not covered."""
@@ -50,7 +50,7 @@ class GridInputs:
     still: frozenset[int] = frozenset()
     """The states that never change."""
     schemes: tuple[tuple[float, int, int], ...] = ()
-    """`SimulatedFlow.steps`, where plants differ; else `plant_period_ns` holds for all states."""
+    """`SimulatedFlow.steps` where plants differ; empty: `plant_period_ns` is that of all states."""
     names: tuple[str, ...] = ()
     """The names of the states, for messages."""
 
@@ -63,11 +63,11 @@ class GridInputs:
 
     @property
     def ranges(self) -> tuple[Range, ...]:
-        """The ranges of all inputs, in the order of the enclosure unit."""
+        """The ranges of all inputs, in their order in the enclosure unit."""
         return self.states + self.controls + self.disturbances + self.errors + self.others
 
 
-def _ranges(intervals: Sequence[Interval]) -> tuple[Range, ...]:
+def _ranges_of(intervals: Sequence[Interval]) -> tuple[Range, ...]:
     return tuple((x.low, x.high) for x in intervals)
 
 
@@ -76,11 +76,11 @@ def grid_inputs_of(problem: Problem, parameters: Sequence[int] = ()) -> GridInpu
     times = problem.times
     is_map = problem.kind == "map"
     return GridInputs(
-        _ranges(problem.states),
-        _ranges(problem.controls),
-        _ranges(problem.disturbances),
-        _ranges(problem.errors),
-        _ranges(problem.others),
+        _ranges_of(problem.states),
+        _ranges_of(problem.controls),
+        _ranges_of(problem.disturbances),
+        _ranges_of(problem.errors),
+        _ranges_of(problem.others),
         kind=problem.kind,
         period_ns=times.delta_sc,
         delay_ns=0 if is_map else times.delay_sc,

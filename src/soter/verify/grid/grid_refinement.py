@@ -1,12 +1,12 @@
-"""Cells of grids: boxes of them, finer and coarser ones, and how long a proof on them will take.
+"""Cells of grids: boxes of cells, finer or coarser grids, an estimate of the proof's time.
 
-Purpose: `regions_of` gives boxes for people around a set of cells, `cells_around_box` the cells
-that hold a box of states. `refined_groups` splits cells near borders where claims fail only there,
-`with_smaller_cells` halves all of them, `with_merged_cells` makes the same problem on fewer cells.
-`announce_work` computes the first case on merged cells, twice; how its time grows tells how long
-the declared grid takes. It says that only where somebody waits for progress, and where it is long.
-Non-goals: verdicts (another grid is a new attempt, no more); sets (`verify/grid/sets.py`). The
-estimate counts neither finer grids nor what comes after the sets, such as counterexamples.
+Purpose: `regions_of` gives boxes around a set of cells, for people; `cells_around_box` the cells
+that hold a box of states. `refined_groups` splits the cells near those where claims fail.
+`finer_problem` halves all cells, `coarser_problem` merges them.
+`announce_work` measures the first case on two grids of merged cells, and from them estimates the
+time for the declared grid. A user who sees progress is told it if it is long.
+Non-goals: verdicts (another grid is only a new attempt); sets (`verify/grid/sets.py`). The
+estimate leaves out finer grids, and what follows the sets, such as counterexamples.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def regions_of(
     edges: Sequence[NDArray[np.float64]],
     parameters: Sequence[tuple[str, int]] = (),
 ) -> list[Region]:
-    """Boxes that together hold all cells of a set; the last one may hold other cells, too.
+    """Boxes that together hold all cells of a set; the last box may hold other cells, too.
 
     `cells` has the grid's shape; `edges` are (cells + 1,) for each axis.
     """
@@ -65,7 +65,7 @@ def regions_of(
 
 
 def _grown_box(cells: Bools) -> list[tuple[int, int]]:
-    """A box around the first cell, grown while the next layer on some side has one of the set."""
+    """A box around the first cell of a set, grown while the layer next to it has another one."""
     first = np.unravel_index(int(np.argmax(cells)), cells.shape)
     box = [(int(i), int(i) + 1) for i in first]
     grows = True
@@ -98,7 +98,7 @@ def _region_of_box(
 
 
 def cells_around_interval(edges: NDArray[np.float64], low: float, high: float) -> slice | None:
-    """The cells, in a row, whose union holds [low, high]; None where it is not inside the grid.
+    """The consecutive cells that together hold [low, high]; None where it leaves the grid.
 
     `edges`: breakpoints of an axis, (cells + 1,), rising.
     """
@@ -119,13 +119,13 @@ def cells_around_box(
     cells: list[list[int] | None] = []
     for edges, wraps, i in zip(spans, turns, box, strict=True):
         at = None if wraps else cells_around_interval(edges, i.low, i.high)
-        own = None if at is None else [*range(len(edges) - 1)[at]]
-        cells.append(_cells_around_wrapping(edges, i.low, i.high) if wraps else own)
+        cells_on_axis = None if at is None else [*range(len(edges) - 1)[at]]
+        cells.append(_cells_around_wrapping(edges, i.low, i.high) if wraps else cells_on_axis)
     return cells
 
 
 def _cells_around_wrapping(edges: NDArray[np.float64], low: float, high: float) -> list[int] | None:
-    """`cells_around_interval` on an axis that wraps: beyond one end it goes on at the other."""
+    """The cells that hold [low, high] on an axis whose ends meet; None: it is too far out."""
     if not edges[0] - TURN < low <= high < edges[-1] + TURN:
         return None
     turned = [(low, high)]
@@ -143,20 +143,20 @@ def _cells_around_wrapping(edges: NDArray[np.float64], low: float, high: float) 
 CELLS_MAX = 4_000_000
 """The most cells that a refined group may have."""
 BORDER_MAX = 0.1
-"""A claim that fails on a larger share of the cells does not fail only at borders."""
+"""Where a claim fails on a larger share of the cells, it fails not only at borders."""
 AROUND = 2
-"""How many cells on each side of a failing one are split, too."""
+"""The number of cells on each side of a failing cell that are split, too."""
 
 
 def refined_groups(case: Case) -> tuple[Group, ...] | None:
-    """The groups with finer axes near failing cells; None where that cannot help or is too much."""
+    """The groups with cells split near failing ones; None: no help, or too many cells."""
     wrong = _failing_cells(case)
     if not wrong:
         return None
     groups = []
     for proof in case.proofs:
         cells = wrong.get(id(proof))
-        finer = proof.group if cells is None else _with_split_intervals(proof.group, cells)
+        finer = proof.group if cells is None else _group_with_split_intervals(proof.group, cells)
         if finer is None:
             return None
         groups.append(finer)
@@ -164,11 +164,11 @@ def refined_groups(case: Case) -> tuple[Group, ...] | None:
 
 
 def _failing_cells(case: Case) -> dict[int, Bools] | None:
-    """The cells where claims fail, by `id` of the proof; None: too many, or unknown."""
+    """The cells where claims fail, by the `id` of the proof; None: too many, or not all known."""
     wrong: dict[int, Bools] = {}
     for failure in case.failures:
         if failure.cut:
-            continue  # nothing is known of it
+            continue  # this claim was not examined to the end
         cells = failure.cells
         if failure.claim == "P2a" or failure.proof is None or cells is None:
             return None
@@ -179,7 +179,7 @@ def _failing_cells(case: Case) -> dict[int, Bools] | None:
     return wrong
 
 
-def _with_split_intervals(group: Group, cells: Bools) -> Group | None:
+def _group_with_split_intervals(group: Group, cells: Bools) -> Group | None:
     """The group with every interval near a failing cell cut in two; None: too many cells."""
     axes = []
     for k, axis in enumerate(group.axes):
@@ -188,13 +188,13 @@ def _with_split_intervals(group: Group, cells: Bools) -> Group | None:
         for _ in range(AROUND):
             near[1:] |= near[:-1].copy()
             near[:-1] |= near[1:].copy()
-        axes.append(with_halved_cells(axis, near))
+        axes.append(axis_with_halved_cells(axis, near))
     size = int(np.prod([len(a.edges) - 1 for a in axes], dtype=np.int64))
     return None if size > CELLS_MAX else replace(group, axes=tuple(axes))
 
 
-def with_halved_cells(axis: Axis, near: Bools) -> Axis:
-    """The axis with its `near` intervals cut in two, but never an outer one without an end."""
+def axis_with_halved_cells(axis: Axis, near: Bools) -> Axis:
+    """The axis with the intervals marked in `near` cut in two, except those that have no end."""
     edges: list[float] = []
     outer = (0, len(near) - 1) if axis.unbounded else ()
     for k, (low, high, split) in enumerate(zip(axis.edges, axis.edges[1:], near, strict=False)):
@@ -208,29 +208,29 @@ def with_halved_cells(axis: Axis, near: Bools) -> Axis:
 
 
 def cell_count(problem: Problem) -> int:
-    """How many cells the grids of all groups have together."""
+    """The number of cells of the grids of all groups together."""
     return sum(prod(len(a.edges) - 1 for a in g.axes) for g in problem.groups)
 
 
-def with_smaller_cells(problem: Problem, coarse: Collection[Group]) -> Problem:
-    """The problem with every cell of the grids `coarse` halved along each axis, open ends not."""
-    groups = tuple(_all_halved(g) if g in coarse else g for g in problem.groups)
+def finer_problem(problem: Problem, coarse: Collection[Group]) -> Problem:
+    """The problem with the cells of the groups `coarse` halved along each axis but at open ends."""
+    groups = tuple(_group_with_all_cells_halved(g) if g in coarse else g for g in problem.groups)
     return replace(
         problem, groups=groups, declared_groups=problem.declared_groups or problem.groups
     )
 
 
-def _all_halved(group: Group) -> Group:
+def _group_with_all_cells_halved(group: Group) -> Group:
     axes = []
     for axis in group.axes:
         near = np.ones(len(axis.edges) - 1, dtype=np.bool_)
         near[-1] = not axis.open
-        axes.append(with_halved_cells(axis, near))
+        axes.append(axis_with_halved_cells(axis, near))
     return replace(group, axes=tuple(axes))
 
 
 def cell_counts_in_words(before: Group, after: Group) -> str:
-    """The numbers of cells before and after along each axis, in words; "": none differs."""
+    """The numbers of cells along each axis before and after, in words; "" where none differs."""
     pairs = zip(before.axes, after.axes, strict=True)
     counts = [(a.name, len(a.edges) - 1, len(b.edges) - 1) for a, b in pairs]
     finer = ", ".join(f"{n} {a:,} -> {b:,}" for n, a, b in counts if a != b)
@@ -239,7 +239,7 @@ def cell_counts_in_words(before: Group, after: Group) -> str:
 
 
 def refinement_note(done: Sequence[Case]) -> tuple[str, ...]:
-    """Lines where a grid is finer than the program says, or is not in the program."""
+    """Notes about grids that are finer than the program declares, or that it does not declare."""
     worst: dict[tuple[str, ...], tuple[int, str]] = {}
     for case in done:
         if case.first is None:
@@ -252,7 +252,7 @@ def refinement_note(done: Sequence[Case]) -> tuple[str, ...]:
             text = f"the grid was refined where a claim failed only at borders: {finer}"
             names = tuple(a.name for a in proof.group.axes)
             worst[names] = max(worst.get(names, (0, "")), (size, text))
-    notes = (*(text for _, text in worst.values()), *_finer_notes(done))
+    notes = (*(text for _, text in worst.values()), *_notes_on_finer_cells(done))
     groups = done[0].problem.groups if done else ()
     if all(g.span is None for g in groups):
         return notes
@@ -264,7 +264,7 @@ def refinement_note(done: Sequence[Case]) -> tuple[str, ...]:
     )
 
 
-def _finer_notes(done: Sequence[Case]) -> dict[str, None]:
+def _notes_on_finer_cells(done: Sequence[Case]) -> dict[str, None]:
     """A note for each group whose Q is on smaller cells than the DM's table."""
     lines: dict[str, None] = {}
     for part in (proof.found for case in done for proof in case.proofs):
@@ -278,7 +278,7 @@ def _finer_notes(done: Sequence[Case]) -> dict[str, None]:
     return lines
 
 
-def with_merged_cells(problem: Problem, most: int) -> Problem:
+def coarser_problem(problem: Problem, most: int) -> Problem:
     """The problem with cells merged along every axis, so that each group has at most `most`."""
     groups = tuple(_merged_group(g, most) for g in problem.groups)
     return replace(problem, groups=groups, declared_groups=())
@@ -302,31 +302,31 @@ def _every_nth_edge(axis: Axis, step: int) -> Axis:
 
 
 FROM_CELLS = 50_000
-"""For fewer cells nothing is estimated."""
+"""With fewer cells than this no time is estimated."""
 PILOTS = (1_500, 6_000)
-"""The numbers of cells of a group in the two tries."""
+"""The most cells of a group in the two measured attempts."""
 GROWTH = (1.0, 1.2)
-"""The least and the greatest exponent of the cells with which the time is taken to grow."""
+"""The time is assumed to grow as a power of the number of cells: the limits of its exponent."""
 FROM_S = 20.0
-"""An estimate of fewer seconds is not told."""
+"""An estimate of fewer seconds is not shown."""
 TO_S = 10
 """Estimates are rounded to multiples of this many seconds."""
 
 
 def announce_work(problem: Problem, settle: Settle) -> None:
-    """Tells how long the sets of a problem will take; `settle` computes a case of a problem."""
+    """Shows an estimate of the time for a problem's sets; `settle` computes those of one case."""
     if cell_count(problem) >= FROM_CELLS:
         with passing_phase(f"{problem.name}: how long it will take"):
             announce(lambda: _estimate_in_words(problem, _estimated_seconds(problem, settle)))
 
 
 def _estimated_seconds(problem: Problem, settle: Settle) -> float:
-    """CPU seconds of all threads for all cases; 0 where two tries do not tell."""
+    """The estimated CPU seconds for all cases; 0 where an attempt on merged cells fails."""
     first = next(iter(parameter_cases(problem)))
     count = sum(1 for _ in islice(parameter_cases(problem), 100_000))
     tries = []
     for most in PILOTS:
-        small = with_merged_cells(problem, most)
+        small = coarser_problem(problem, most)
         began = time.process_time()
         try:
             settle(small, first)
@@ -344,7 +344,7 @@ def _estimated_seconds(problem: Problem, settle: Settle) -> float:
 
 
 def _estimate_in_words(problem: Problem, seconds: float) -> str:
-    """The line about the time; "" where the time is too short for one."""
+    """The line that tells the estimated time; "" where the time is too short to be told."""
     if seconds < FROM_S:
         return ""
     shapes = [" x ".join(str(len(a.edges) - 1) for a in g.axes) for g in problem.groups]

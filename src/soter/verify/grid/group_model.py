@@ -1,4 +1,4 @@
-"""One group of states as the C engine sees it: grid, ranges, dynamics, which ends are kept.
+"""A group of states as the C engine sees it: its grid, ranges, dynamics, the ends it keeps.
 
 Purpose: `GridModel` fills in the group's description in C and its linear model, and allocates the
 engine's memory, for `sets.py`, which calls the engine. `kept_ends_of` finds the ends that no run
@@ -37,33 +37,33 @@ if TYPE_CHECKING:
 
 TILE = {1: (64,), 2: (8, 8), 3: (4, 4, 4), 4: (2, 2, 4, 4)}
 OUTSET = 2.0**-20
-"""How much larger than the grid (relative to an axis) the domain of the enclosures is: a run that
-leaves the grid is still inside it, so no claim inside rests on what happens outside."""
+"""By this share of an axis the domain of the enclosures is larger than the grid: a run that leaves
+the grid is still in the domain, so no claim inside depends on what happens outside."""
 DOMAIN = 2.0**20
-"""`OUTSET` along an axis without ends, whose state nothing reads."""
+"""The same share as `OUTSET`, for an axis without ends, whose state nothing reads."""
 SEAM = 2.0**-40
 """By how much the outer cells of an axis that wraps around are longer than it is declared."""
 TURN = 2.0 * np.pi
 NO_COMMAND_IS_KNOWN = 2**31 - 1
 """The number of commands since a read that tells the engine: any command of U may have acted."""
 LONGER = 1e-9
-"""By this share the span of reads that the engine takes is longer than a period of SC."""
+"""By this share the engine's span of reads is longer than a period of SC."""
 NO_ENCLOSURE = "the dynamics have no finite enclosure over the grid"
 AXIS_MAX = 2**16 - 1
 """An axis has fewer cells than this; the engine keeps their numbers in 16 bits."""
 UNBOUNDED, WRAPS = 2, 3
-"""As `SOTER_REACH_UNBOUNDED` (the last cell holds what lies beyond the end) and `SOTER_REACH_WRAPS`
-(beyond the last cell is the first)."""
+"""The values of `SOTER_REACH_UNBOUNDED` (the last cell also holds all that lies beyond it) and of
+`SOTER_REACH_WRAPS` (the first cell follows the last one)."""
 BACK = 4.0
-"""The strip is this much wider than |x'| (d + 2 j), as a-priori boxes are larger than runs."""
+"""The strip is |x'| (d + 2 j) times this factor wide, as a-priori boxes are larger than runs."""
 DUST = 1e-10
-"""A rate below this share of the largest may be zero but for rounding: it is looked at again."""
+"""A rate below this share of the largest may be zero but for rounding; it is examined again."""
 LOOK_AHEAD = 4.0
 """The stages of the simulator's scheme stay within this many of its steps from the state."""
 
 
 class UnboundedError(Exception):
-    """The dynamics, or a tube, have no finite enclosure; `hint`: what may help."""
+    """The dynamics, or a tube, have no finite enclosure; `hint` is advice."""
 
     def __init__(self, why: str, hint: str = "a smaller grid") -> None:
         super().__init__(why)
@@ -71,7 +71,7 @@ class UnboundedError(Exception):
 
 
 def _search_starts(edges: Floats) -> Ints:
-    """For each of many equal buckets along the axis a cell near it, to start a search from."""
+    """For each of many equal parts of an axis a cell near it, from which a search starts."""
     n = len(edges) - 1
     width = np.diff(edges)
     even = bool(np.allclose(width, width[0], rtol=1e-6))
@@ -80,8 +80,8 @@ def _search_starts(edges: Floats) -> Ints:
     return np.asarray(np.clip(np.searchsorted(edges, at, side="right") - 1, 0, n - 1), np.int32)
 
 
-def _overlapped_around(edges: Floats, off: float) -> tuple[Ints, Ints]:
-    """`overlapped_cells` of an axis that wraps: `last` counts on beyond n - 1."""
+def _overlapped_cells_on_turn(edges: Floats, off: float) -> tuple[Ints, Ints]:
+    """First and last overlapped cells on an axis whose ends meet; the last may be beyond n - 1."""
     n, low, high = len(edges) - 1, edges[:-1], edges[1:]
     turns = np.concatenate([low - TURN, low, low + TURN])
     low, high = np.nextafter(low - off, -np.inf), np.nextafter(high + off, np.inf)
@@ -92,7 +92,7 @@ def _overlapped_around(edges: Floats, off: float) -> tuple[Ints, Ints]:
 
 
 class GridModel:
-    """The engine for one group: its grid and its dynamics."""
+    """A group of states, described for the C engine: its grid and its dynamics."""
 
     def __init__(
         self,
@@ -106,7 +106,7 @@ class GridModel:
         unbounded: Collection[int] = (),
         wraps: Collection[int] = (),
     ) -> None:
-        """`axes`: (index among the states, breakpoints) of each axis, one to four.
+        """Describes the group with these `axes`, one to four pairs (index of the state, edges).
 
         `linear`: whether one linear model encloses a flow over the whole domain; None: if it is
         linear but for remainders below a thousandth of its rates. States of flows by their axis:
@@ -136,19 +136,19 @@ class GridModel:
         self.covers_scheme = False
         """Whether each step of the simulator's scheme is a solution of the model."""
         self.stiff = ""
-        """Why not, where only the scheme's step is too long; else ""."""
+        """Why no step is, in words, if only the step of the scheme is too long; otherwise ""."""
         self.crossed: list[str] = []
         """Ends that the flow keeps but the simulator's scheme is not shown to keep, in words."""
         self._linearize(linear)
         self._narrow_law()
 
     def _lengthened_edges(self, state: int, edges: Floats) -> Floats:
-        """The breakpoints; the outer cells of an axis that wraps are longer, so that they meet."""
+        """The breakpoints, with the outer cells of a wrapping axis lengthened so that they meet."""
         if state in self.wraps and edges[-1] - edges[0] < TURN + SEAM:
             edges[[0, -1]] += -SEAM, SEAM
         return edges
 
-    def _array(self, values: Any, dtype: str, ctype: str) -> Any:  # noqa: ANN401 - cdata
+    def _kept_array(self, values: Any, dtype: str, ctype: str) -> Any:  # noqa: ANN401 - cdata
         array = np.ascontiguousarray(values, dtype=dtype)
         self._kept.append(array)
         return self.library.ffi.cast(ctype, array.ctypes.data)
@@ -166,8 +166,8 @@ class GridModel:
         low[:n] -= margin
         high[:n] += margin
         self.low, self.high = low, high
-        g.low, g.high = (self._array(v, "f8", "double *") for v in (low, high))
-        g.param = self._array(x.parameters or (0,), "i8", "int64_t *")
+        g.low, g.high = (self._kept_array(v, "f8", "double *") for v in (low, high))
+        g.param = self._kept_array(x.parameters or (0,), "i8", "int64_t *")
         g.law = self.library.symbol("law")
         g.rate = self.library.symbol("next" if x.kind == "map" else "derivative")
         g.states, g.controls, g.inputs = n, len(x.controls), self.library.inputs
@@ -179,8 +179,8 @@ class GridModel:
             guess = _search_starts(edges)
             g.axis[a], g.cells[a], g.tile[a] = state, len(edges) - 1, tile[a]
             g.tiles[a] = -(-(len(edges) - 1) // tile[a])
-            g.edges[a] = self._array(edges, "f8", "double *")
-            g.guess[a] = self._array(guess, "i4", "int32_t *")
+            g.edges[a] = self._kept_array(edges, "f8", "double *")
+            g.guess[a] = self._kept_array(guess, "i4", "int32_t *")
             g.guesses[a], g.per_unit[a] = len(guess), len(guess) / (edges[-1] - edges[0])
         g.words = -(-self.shape[-1] // 64)
         g.period = x.period_ns * NS
@@ -196,7 +196,7 @@ class GridModel:
 
     @property
     def spans(self) -> list[Floats]:
-        """Breakpoints of each axis, (cells + 1,); -`FARTHEST` and `FARTHEST` if it has no ends."""
+        """The breakpoints of each axis, (cells + 1,); ±`FARTHEST` where the axis has no ends."""
         spans = [e.copy() for e in self.edges]
         for state, edges in zip(self.axes, spans, strict=True):
             if state in self.unbounded:
@@ -205,14 +205,14 @@ class GridModel:
 
     @property
     def turns(self) -> list[bool]:
-        """For each axis whether it wraps around."""
+        """For each axis whether it is a full turn, so that its ends meet."""
         return [state in self.wraps for state in self.axes]
 
     def pointer(self, array: npt.NDArray[Any], ctype: str) -> Any:  # noqa: ANN401 - cdata
-        """The address of the data of an array of any shape; the caller keeps the array."""
+        """The address of the data of an array of any shape; the caller keeps the array alive."""
         return self.library.ffi.cast(ctype, array.ctypes.data)
 
-    def _enclose(self, ends: Sequence[Any]) -> None:
+    def _enclose_dynamics(self, ends: Sequence[Any]) -> None:
         if not self.library.lib.soter_reach_linearize(self.c, *ends):
             raise UnboundedError(NO_ENCLOSURE)
 
@@ -224,9 +224,9 @@ class GridModel:
             g.is_local = 1
             if linear:
                 raise UnboundedError(NO_ENCLOSURE)
-            self._enclose(ends)
+            self._enclose_dynamics(ends)
         if self.inputs.kind == "flow" and not g.is_local:
-            remainder = self._remainder()
+            remainder = self._growth_of_remainder()
             g.is_local = not (remainder < 1e-3 if linear is None else linear)
         by_scheme = self._scheme_solution()
         extra, self.stiff = by_scheme.error, by_scheme.stiff
@@ -234,9 +234,9 @@ class GridModel:
         if extra is not None:
             for i, w in enumerate(extra):
                 g.extra_w[i] = w
-            self._enclose(ends)
+            self._enclose_dynamics(ends)
         if g.is_local:
-            self._enclose(ends)
+            self._enclose_dynamics(ends)
         if self.inputs.kind == "flow":
             self._extend_to_kept_ends()
         if self.inputs.kind == "flow" and not g.commands:
@@ -282,11 +282,10 @@ class GridModel:
         }
 
     def _narrow_law(self) -> None:
-        """Lets the engine compute only one output of SC if only that control moves the group.
+        """Lets the engine compute only one output of SC if no other control moves the group.
 
-        The engine would then not see a fault elsewhere in SC, so all of SC must be free of faults
-        over the whole domain. The states that SC reads in a run that counts lie in the grid, hence
-        in the domain.
+        The engine then does not see a fault elsewhere in SC, so all of SC must be free of faults
+        over the whole domain, in which all states lie that SC reads.
         """
         g = self.c
         if g.commands != 1 or g.controls == 1 or g.law == self.library.ffi.NULL:
@@ -294,37 +293,34 @@ class GridModel:
         alone = self.library.symbol(f"law_{g.command[0]}")
         if alone == self.library.ffi.NULL:
             return
-        forms, out = self._forms(self.low, self.high)
+        forms, out = self._forms_of_inputs(self.low, self.high)
         ends = [self.library.ffi.cast("void *", x.ctypes.data) for x in (forms, out)]
         if not self.library.lib.soter_law(ends[0], g.param, ends[1]):
             g.law = alone
 
-    def _forms(self, low: Floats, high: Floats) -> tuple[Floats, Floats]:
-        """The inputs as affine forms over their ranges, and an array for the results."""
+    def _forms_of_inputs(self, low: Floats, high: Floats) -> tuple[Floats, Floats]:
+        """The affine forms of the inputs over their ranges, and an empty array for results."""
         count = self.library.inputs
         results = max(count, len(self.inputs.states), len(self.inputs.controls))
         forms = affine_inputs(np.stack([low, high], axis=1), count)
         return forms, np.zeros((results, FORM + count))
 
     def rates_within(self, low: Floats, high: Floats) -> Floats | None:
-        """Bounds (states, 2) of the rates over ranges of all inputs.
-
-        None where a step fault is possible, or a rate has no bound.
-        """
+        """Bounds (states, 2) of all rates over ranges of all inputs; None: no bound, or a fault."""
         found = self._rate_forms(low, high)
         if found is None or not np.isfinite(found[0][:, :2]).all():
             return None
         return np.asarray(found[0][:, :2])
 
     def rate_reads_states(self, state: int, low: Floats, high: Floats) -> bool:
-        """Whether the rate of a state may depend on states, over these ranges (one a number)."""
+        """Whether the rate of a state may depend on any state over these ranges (one per input)."""
         found = self._rate_forms(low, high)
         return found is None or bool(found[0][state, FORM : FORM + len(self.inputs.states)].any())
 
-    def _remainder(self) -> float:
-        """How much the model's remainder w grows from a small box to the domain, over the rates."""
+    def _growth_of_remainder(self) -> float:
+        """The growth of the remainder w from a small box to the domain, relative to the rates."""
         g, lib, n = self.c, self.library.lib, len(self.inputs.states)
-        whole, moving = self.linear_model(), np.zeros(len(self.low), dtype=bool)
+        model_over_domain, moving = self.linear_model(), np.zeros(len(self.low), dtype=bool)
         moving[list(self.axes)] = True
         moving[n : n + len(self.inputs.controls)] = True
         mid, half = self.low / 2 + self.high / 2, self.high / 2 - self.low / 2
@@ -337,14 +333,14 @@ class GridModel:
         small = self.linear_model()
         ends = [self.pointer(v, "double *") for v in (self.low, self.high)]
         lib.soter_reach_linearize(g, *ends)
-        rates = np.abs(whole["A"]) @ half[list(self.axes)] + whole["w"]
-        commands = [n + int(c) for c in whole["commands"]]
-        rates += np.abs(whole["B"]) @ half[commands]
-        grown = whole["w"] - small["w"]
+        rates = np.abs(model_over_domain["A"]) @ half[list(self.axes)] + model_over_domain["w"]
+        commands = [n + int(c) for c in model_over_domain["commands"]]
+        rates += np.abs(model_over_domain["B"]) @ half[commands]
+        grown = model_over_domain["w"] - small["w"]
         return float(np.max(np.where(rates > 0, grown / np.where(rates > 0, rates, 1), 0)))
 
     def _scheme_solution(self) -> SchemeSolution:
-        """Whether the simulator's steps solve the model, and what has to be added to it."""
+        """Whether the simulator's steps solve the model, and what must be added to it for that."""
         x = self.inputs
         if x.kind != "flow" or not self.is_linear or not x.steps:
             return SchemeSolution()
@@ -353,9 +349,9 @@ class GridModel:
         return scheme_solution(stepped, self.low, self.high, self.axes)
 
     def _rate_forms(self, low: Floats, high: Floats) -> tuple[Floats, Floats] | None:
-        """Forms of all rates, (states, 4 + inputs), and the radius of every input."""
+        """Forms of all rates, (states, 4 + inputs), and the radius of each input; None: a fault."""
         ffi, n = self.library.ffi, len(self.inputs.states)
-        forms, out = self._forms(low, high)
+        forms, out = self._forms_of_inputs(low, high)
         radius = forms[range(len(low)), range(FORM, FORM + len(low))]
         ends = [ffi.cast("void *", x.ctypes.data) for x in (forms, out)]
         if self.library.lib.soter_derivative(ends[0], self.c.param, ends[1]):
@@ -363,7 +359,7 @@ class GridModel:
         return out[:n], radius
 
     def bits_of(self, cells: Bools) -> npt.NDArray[np.uint64]:
-        """A set of the grid's shape as the engine's bits, of shape (rows * words,)."""
+        """The engine's bits, shape (rows * words,), of a set of the grid's shape."""
         assert cells.shape == self.shape, f"a set has the grid's shape {self.shape}"
         rows = int(np.prod(self.shape[:-1], dtype=np.int64))
         bits = np.empty(rows * self.c.words, dtype=np.uint64)
@@ -383,16 +379,16 @@ class GridModel:
 
     @property
     def tiles(self) -> int:
-        """How many tiles the grid has."""
+        """The number of tiles, small blocks of cells, of the grid."""
         return int(np.prod([self.c.tiles[a] for a in range(len(self.axes))]))
 
     def overlapped_cells(self, errors: Mapping[int, float]) -> list[tuple[Any, Any]]:
-        """Per axis the first and last cell that [cell - e, cell + e] overlaps; -1 or n: outside."""
+        """Per axis, for each cell, the first and last cell within its error; -1 or n: outside."""
         cell_ranges = []
         for state, edges in zip(self.axes, self.edges, strict=True):
             e, n = errors.get(state, 0.0), len(edges) - 1
             if state in self.wraps:
-                cell_ranges.append(_overlapped_around(edges, e + SEAM))
+                cell_ranges.append(_overlapped_cells_on_turn(edges, e + SEAM))
                 continue
             low, high = edges[:-1], edges[1:]
             if e:
@@ -406,7 +402,7 @@ class GridModel:
         return cell_ranges
 
     def allocate_rounds(self, r: Any) -> dict[str, npt.NDArray[Any]]:  # noqa: ANN401 - cdata
-        """Memory for a fixpoint, buffers (length,) by name, to be kept while `r` is in use."""
+        """The buffers of a fixpoint, (length,), by name; they must outlive `r`."""
         n, tiles = len(self.axes), self.tiles
         sums = int(np.prod([self.c.tiles[a] + 1 for a in range(n)]))
         rows = int(np.prod(self.shape[:-1], dtype=np.int64))
@@ -425,36 +421,36 @@ class GridModel:
 
 @dataclass(eq=False)
 class KeptEnds:
-    """The ends of axes that the flow keeps, and the domain, which goes on beyond these ends."""
+    """The ends of axes that no run passes, and the domain, which reaches beyond these ends."""
 
     low: Floats
     high: Floats
     scheme: float
     dust: list[float] = field(default_factory=list)
-    """For each axis the rate below which it may be zero but for rounding."""
+    """For each axis the size below which a rate may be zero but for rounding."""
     kept: dict[tuple[int, bool], int] = field(default_factory=dict)
-    """(axis, whether it is the upper end) -> how it is kept, as a number of the engine."""
+    """How each end, (axis, whether it is the upper one), is kept: a number of the engine."""
     crossed: list[str] = field(default_factory=list)
     """Ends that the flow keeps but the simulator's scheme is not shown to keep, in words."""
 
 
 def kept_ends_of(model: GridModel) -> KeptEnds | None:
-    """Finds the ends that are kept; None where a rate has no bounds.
+    """The ends of the axes that no run passes; None where a rate has no bounds.
 
-    An end counts only if the simulator's scheme keeps it, too: that of a linear flow is part of the
-    proof. A rate that depends on no state is the same in all stages of a step, so the scheme then
-    moves the way that the rate says, rounding included.
+    The simulator's scheme must keep the end, too, as the scheme of a linear flow is part of the
+    proof. A rate that depends on no state is the same in all stages of a step, so the scheme moves
+    as the rate says, rounding included.
     """
     g = model.c
-    whole = model.rates_within(model.low, model.high)
-    if whole is None:
+    domain_rates = model.rates_within(model.low, model.high)
+    if domain_rates is None:
         return None
     steps = [step for step, _, _ in model.inputs.steps]
     step = max(steps, default=0.0) if model.covers_scheme else 0.0
     found = KeptEnds(model.low.copy(), model.high.copy(), LOOK_AHEAD * step)
     back = BACK * (g.delay + max(2 * g.jitter, g.swept)) if g.is_local else 0.0
     for i, state in enumerate(model.axes):
-        largest = float(np.abs(whole[state]).max())
+        largest = float(np.abs(domain_rates[state]).max())
         found.dust.append(DUST * largest + 8.0 * g.extra_w[i])
         endless = UNBOUNDED if state in model.unbounded else WRAPS if state in model.wraps else 0
         for upper in (False, True):

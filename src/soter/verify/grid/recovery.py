@@ -1,8 +1,8 @@
 """P2b on a grid: SC leads from every cell of K to where AC gets control back.
 
 Purpose: `enter_recovery` finds Q, the cells that SC keeps inside a target (where `safer` holds at
-every estimate), and W with its ranks: how many chains lead from a cell to Q, and how long they take
-(`recovery_ranks`; docs/verification.md, section 3; symbols: head of `sets.py`).
+every estimate), and W, the cells from which SC leads to Q. The rank of a cell says how many chains
+lead to Q (`recovery_ranks`; docs/verification.md, section 3; symbols: head of `sets.py`).
 Non-goals: targets and the time T (`verify/claims/claims.py`); Q where it is empty on the declared
 cells (`finer_cells.py`).
 """
@@ -17,10 +17,10 @@ import numpy as np
 from soter.diagnostics.current_phase import share_done
 from soter.verify.grid import sets as grids
 from soter.verify.grid.finer_cells import (
-    engine_on,
+    engine_on_cells_of,
     find_q_on_finer_cells,
     index_of_declared_cells,
-    target_on,
+    target_on_small_cells,
 )
 from soter.verify.grid.sets import LONGEST
 
@@ -41,17 +41,17 @@ if TYPE_CHECKING:
 HOLDS = (1, 2, 3, 5, 8, 12, 18, 27, 40, 60, 90, 135, 200)
 """Lengths of chains, in periods of SC, that are tried on the way to Q."""
 LENGTHS = ((2, 4, 8, 16, 32), (8, 24, 64, 150), HOLDS)
-"""Lists of lengths of chains to try: the first with which nearly every cell is in W is enough."""
+"""Lists of chain lengths, tried in turn until nearly every cell is in W."""
 SHORT = ((2, 4, 8), (16, 32), *LENGTHS[1:])
-"""`LENGTHS` for a flow that is not linear: there a period costs much, and a cell far from Q costs
-the longest length; with short ones W grows meanwhile and most cells reach it. T may be longer."""
+"""`LENGTHS` for a nonlinear flow, where each period is expensive: with short lengths first W grows,
+and most cells reach it without a long chain. The time T may become longer."""
 FINER = (tuple(range(1, 41)), HOLDS)
-"""`LENGTHS` for small cells: there each length costs little beside the longest one, and with a few
-lengths a tenth of K or more was left."""
+"""`LENGTHS` for small cells: more lengths cost little beside the longest one, and with only a few a
+tenth of K or more was left outside W."""
 HIGHEST = 2**16 - 2
 """The highest rank: ranks are kept in 16 bits."""
 LONG = 96
-"""Where a chain of K is longer than this, the shortest lengths are not tried."""
+"""Where a chain of K is longer than this, lists of short lengths are not tried."""
 STRAGGLERS_MAX = 2000
 """If no more cells than this are left, every length is tried for them."""
 WAY_MAX = 80_000
@@ -60,22 +60,22 @@ WAY_MAX = 80_000
 
 @dataclass(frozen=True)
 class RecoveryRanks:
-    """W by cell: its `rank` (0: not in W; 1: in Q), N of its chain, its longest time to Q in ns."""
+    """W by cell: `rank` (0: not in W, 1: in Q), `holds`: N of its chain, `time_ns` to Q at most."""
 
     rank: npt.NDArray[np.uint16]
     holds: Bytes
     time_ns: npt.NDArray[np.int64]
     steps: int
-    """How many periods of cells were computed: the work done."""
+    """The number of periods of SC that were computed, a measure of the work."""
 
     @property
     def cells(self) -> Bools:
-        """The cells of W, as truths in the grid's shape."""
+        """Whether each cell is in W, in the grid's shape."""
         return np.asarray(self.rank != 0)
 
     @property
     def longest_ns(self) -> int:
-        """The longest time from W to Q."""
+        """The longest time from W to Q, in ns."""
         return int(self.time_ns[self.cells].max(initial=0))
 
 
@@ -88,7 +88,7 @@ def recovery_ranks(
     holds: Sequence[int] = HOLDS,
     before: RecoveryRanks | None = None,
 ) -> RecoveryRanks:
-    """W: the cells of `core` from which the law reaches `goal` (Q) on every run, and how soon.
+    """The ranks of W: cells of `core` from which the law reaches `goal` (Q) on every run.
 
     W_0 = Q; W_(k+1) is W_k and those c in `core` where, for some N of `holds`, the tube lies in
     `constraint`, and the image over [N delta - j, N delta + j] in W_k and in `core`. P2b needs W to
@@ -120,19 +120,19 @@ def recovery_ranks(
     w.period_ns, w.jitter_ns = group.inputs.period_ns, group.inputs.jitter_ns
     lib.soter_reach_way_begin(group.c, w)
     while not lib.soter_reach_way_continue(group.c, w, grids.SLICE_S, group.threads):
-        share_done(0.0, "way")  # the same
+        share_done(0.0, "way")  # nobody knows how many rounds are left
     del memory, inside, allowed, image, slot
     return RecoveryRanks(rank, taken, time_ns, sum(w.r.steps))
 
 
 def _ranks_without_chain(goal: Bools) -> RecoveryRanks:
-    """W before the first chain: the cells of Q alone."""
+    """The ranks of W before the first chain, when W has only the cells of Q."""
     none = np.zeros(goal.shape, np.int64)
     return RecoveryRanks(goal.astype(np.uint16), none.astype(np.uint8), none, 0)
 
 
 def cells_in_way(part: GroupSets) -> Bools:
-    """The declared cells, in their grid's shape, that lie in W with all their small cells."""
+    """The declared cells, in their grid's shape, all of whose small cells lie in W."""
     assert part.rank is not None
     if part.finer is None:
         return part.rank > 0
@@ -144,7 +144,7 @@ def cells_in_way(part: GroupSets) -> Bools:
 def enter_recovery(
     case: Case, proof: object, engine: GridGroup, part: GroupSets, target: Bools
 ) -> None:
-    """Computes Q, W, and the time to Q for a `target` in the grid's shape; enters failures."""
+    """Computes Q, W, the time to Q for a `target` of the grid's shape; enters failures of P2b."""
     case.failures = [f for f in case.failures if (f.proof, f.claim) != (proof, "P2b")]
     part.target = target
     inside = target & part.allowed
@@ -167,18 +167,18 @@ def enter_recovery(
         hint = "let SC come to rest where `safer` holds"
         case.fail("P2b", text, proof, hint).cells = inside
         return
-    # what SC keeps inside `safer` it keeps: as good as K, and mostly part of it
+    # SC keeps Q inside `safer`, so Q may be added to K; mostly it is a part of K already
     part.core = np.where(part.core > 0, part.core, part.home)
     every_length = SHORT if engine.c.is_local else LENGTHS
     first = len(every_length) - 2 if part.core.max() > LONG else 0
     home = part.home > 0
-    return_way = _search_recovery(engine, part.core > 0, part.allowed, home, every_length[first:])
+    return_way = _ranks_by_lengths(engine, part.core > 0, part.allowed, home, every_length[first:])
     _enter_ranks(part, return_way)
     _enter_failure_of_stuck_cells(case, proof, (part.core > 0) & (return_way.rank == 0))
 
 
 def _enter_finer_q(case: Case, proof: object, part: GroupSets, found: FinerQ) -> None:
-    """Fills in the Q that was found on small cells, and W there; K stays as it is."""
+    """Fills in Q, found on small cells, and W on the same cells; leaves K as it is."""
     core = (part.core > 0)[found.origin]
     part.home, part.finer = found.home, (found.size, found.group)
     home = found.home > 0
@@ -188,7 +188,7 @@ def _enter_finer_q(case: Case, proof: object, part: GroupSets, found: FinerQ) ->
         text += f"from {far:,} such cells of K was not looked at (at most {WAY_MAX:,})"
         case.fail("P2b", text, proof, "fewer cells; a `safer` of your own")
         return
-    return_way = _search_recovery(
+    return_way = _ranks_by_lengths(
         found.engine, core | home, part.allowed[found.origin], home, FINER
     )
     _enter_ranks(part, return_way)
@@ -196,18 +196,18 @@ def _enter_finer_q(case: Case, proof: object, part: GroupSets, found: FinerQ) ->
 
 
 def _mend_recovery(case: Case, engine: GridGroup, part: GroupSets, inside: Bools) -> bool:
-    """Mends an earlier Q and W after K has lost cells; False where that fails.
+    """Adapts an earlier Q and W after K has lost cells; returns whether that was possible.
 
-    The new Q is what SC keeps of the old one inside the target; the old W leads to the old Q, and
-    short chains lead from there to the new one.
+    The new Q has the cells of the old Q that SC keeps inside the target. The old W leads to the old
+    Q, and short chains lead from there to the new Q.
     """
     if part.home is None or part.rank is None or part.rank_holds is None or not part.home.any():
         return False
     allowed, covered, before = part.allowed, part.core > 0, part.home > 0
     if part.finer is not None:
         origin = index_of_declared_cells(part, part.finer[1])
-        engine = engine_on(case, engine, part.finer[1])
-        inside = target_on(case, engine, part, origin)
+        engine = engine_on_cells_of(case, engine, part.finer[1])
+        inside = target_on_small_cells(case, engine, part, origin)
         allowed, covered = allowed[origin], covered[origin]
     if (covered & (part.rank == 0)).any():
         return False
@@ -239,10 +239,10 @@ def _enter_failure_of_stuck_cells(case: Case, proof: object, stuck: Bools) -> No
         failure.cells, failure.stuck = stuck, True
 
 
-def _search_recovery(
+def _ranks_by_lengths(
     engine: GridGroup, core: Bools, allowed: Bools, home: Bools, lengths_tried: Lengths
 ) -> RecoveryRanks:
-    """W: tries a few lengths of chains for all cells, then every length for the last cells."""
+    """The ranks of W by lists of chain lengths, then, if few cells are left, by every length."""
     few = min(STRAGGLERS_MAX, int(core.sum()) // 20)
     return_way: RecoveryRanks | None = None
     for lengths in lengths_tried:
@@ -251,7 +251,7 @@ def _search_recovery(
             break
     assert return_way is not None
     if 0 < int((core & ~return_way.cells).sum()) <= STRAGGLERS_MAX:
-        # at the border of K chains fit W at few lengths only
+        # at the border of K only few lengths of chains end inside W
         every = range(1, LONGEST + 1)
         return_way = recovery_ranks(engine, core, allowed, home, holds=every, before=return_way)
     return return_way

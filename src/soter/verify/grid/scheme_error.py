@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 UP = 1.0 + 1e-12
-"""A factor that covers the rounding of the few sums of nonnegative numbers here."""
+"""A factor that covers the rounding of the sums of nonnegative numbers in this file."""
 UNIT = 2.0**-53
 TERMS = 24
 SIZES = (0.25, 0.5, 0.75, 0.95)
@@ -46,9 +46,9 @@ STIFF_HINT = "shorter steps of the plant, rate x step below 1: `substeps`, or a 
 
 
 def scheme_weight(a: Floats, h: float, order: int = ORDER) -> Floats:
-    """The matrix (n, n) before |f| in the head of this file, for `order` = p.
+    """The matrix (n, n) that multiplies |f| in the bound in the head of this file; `order` = p.
 
-    It is inf where h |A| has a spectral radius near 1 or more, so that the bound says nothing.
+    It is inf where the spectral radius of h |A| is near 1 or more: then there is no bound.
     Tails are bounded with d > 0 and z d <= size d: then z^k <= size^k d (1 / d)^T, entry by entry.
     """
     z = np.abs(a) * h * UP
@@ -71,9 +71,9 @@ def scheme_weight(a: Floats, h: float, order: int = ORDER) -> Floats:
 
 
 def _weights_of_rows(z: Floats) -> tuple[Floats, float] | None:
-    """Weights d > 0 (n,) and a size < 1 with z d <= size d, z >= 0 (n, n); None: none were found.
+    """Weights d > 0 (n,) and a size < 1 with z d <= size d, for z >= 0 (n, n); None: none found.
 
-    As rows differ in their units, so do the weights: d solves (1 - z / s) d = 1 for a few s.
+    Rows differ in their units, hence the weights: d solves (1 - z / s) d = 1 for one of `SIZES`.
     """
     for s in SIZES:
         try:
@@ -88,7 +88,7 @@ def _weights_of_rows(z: Floats) -> tuple[Floats, float] | None:
 
 
 def largest_rates(model: dict[str, Floats], states: Floats, commands: Floats) -> Floats:
-    """Bounds of |x'| (n,) for |x| <= `states` (n,), |u| <= `commands` (m,), without rounding."""
+    """Bounds of |x'| (n,) for |x| <= `states` (n,), |u| <= `commands` (m,), rounded to nearest."""
     moved = np.abs(model["A"]) @ states + np.abs(model["B"]) @ commands
     return np.asarray(moved + np.abs(model["c"]) + model["w"], dtype=np.float64)
 
@@ -96,7 +96,7 @@ def largest_rates(model: dict[str, Floats], states: Floats, commands: Floats) ->
 def scheme_error(
     model: dict[str, Floats], states: Floats, commands: Floats, h: float, order: int = ORDER
 ) -> Floats:
-    """The bound w (n,): scheme and rounding of one step of `h` seconds, as a disturbance of x'.
+    """A bound w (n,) of the error of one step of `h` seconds, rounding included, added to x'.
 
     `states`, `commands`: largest |x| and |u|, shapes (n,), (m,); `model`: of all states.
     """
@@ -112,8 +112,8 @@ def scheme_error(
 class SchemeSolution:
     """Whether the steps of the simulator are solutions of a group's model.
 
-    `error`: they are with this much more (n,) on each rate of its states; None: they are not shown
-    to be. `stiff`: why not, where the flow is linear and only the step is too long.
+    `error`: they are if this much (n,) is added to the rates of its states; None: that is not
+    shown. `stiff`: why not, in words, where the flow is linear and only the step is too long.
     """
 
     error: Floats | None = None
@@ -136,15 +136,15 @@ class SimulatedFlow:
 
 
 def scheme_solution(
-    flow: SimulatedFlow, low: Floats, high: Floats, own: Sequence[int]
+    flow: SimulatedFlow, low: Floats, high: Floats, group_states: Sequence[int]
 ) -> SchemeSolution:
-    """Whether the simulator's steps solve the model of a group's states `own`, by how much more.
+    """Whether the simulator's steps solve the model of a group's states, and with what error.
 
-    Inputs lie in [low, high], (inputs,). The states that drive `own` are stepped with them, so
-    their rates count, too; stages may leave the ranges, and the flow has to be linear there.
+    Inputs lie in [low, high], (inputs,). The states that move the group's are integrated with them,
+    so their rates count. Stages may leave the ranges; the flow has to be linear there, too.
     """
     n = len(flow.names)
-    inside = _linear_model(flow, low, high, own)
+    inside = _linear_model(flow, low, high, group_states)
     if inside is None:
         return SchemeSolution()
     states, model = inside
@@ -169,18 +169,18 @@ def scheme_solution(
         wider = low.copy(), high.copy()
         wider[0][at] -= beyond
         wider[1][at] += beyond
-        there = _linear_model(flow, *wider, at)
-        if there is None:
+        wider_model = _linear_model(flow, *wider, at)
+        if wider_model is None:
             return SchemeSolution()
-        moved = _submodel(there[1], at)
+        moved = _submodel(wider_model[1], at)
         if np.any(step * largest_rates(moved, bounds[0] + beyond, bounds[1]) > beyond):
             return SchemeSolution()
         errors[at] = scheme_error(part, *bounds, step, order)
-    return SchemeSolution(errors[list(own)])
+    return SchemeSolution(errors[list(group_states)])
 
 
 def _too_fast_in_words(names: Sequence[str], z: Floats, step: float) -> str:
-    """Names the states that are too fast for a step, in words."""
+    """A sentence that names the states whose rates are too fast for the step."""
     every = range(len(z))
     alone = [k for k in every if z[k, k] >= SIZES[-1]] or [*every]
     size = float(np.abs(np.linalg.eigvals(z)).max())
@@ -188,7 +188,7 @@ def _too_fast_in_words(names: Sequence[str], z: Floats, step: float) -> str:
 
 
 def _stage_distance(z: Floats, first: Floats) -> Floats:
-    """How far the stages of a step may be from where it began: the series of z^k `first`."""
+    """The largest distance of the stages of a step from its start: the sum of all z^k `first`."""
     total, term = first.copy(), first.copy()
     for _ in range(TERMS * 20):
         term = z @ term
@@ -199,16 +199,16 @@ def _stage_distance(z: Floats, first: Floats) -> Floats:
 
 
 def _submodel(model: dict[str, Floats], at: list[int]) -> dict[str, Floats]:
-    """The model of the states `at`, which read no others."""
+    """The part of a model about the states `at`, which read no other states."""
     return {k: v[at] if k != "A" else v[np.ix_(at, at)] for k, v in model.items()}
 
 
 def _linear_model(
-    flow: SimulatedFlow, low: Floats, high: Floats, own: Sequence[int]
+    flow: SimulatedFlow, low: Floats, high: Floats, group_states: Sequence[int]
 ) -> tuple[list[int], dict[str, Floats]] | None:
-    """The states that `own` depend on, and the model of all; None where one of them is not linear.
+    """The states that a group's depend on, and the linear model of all states and controls.
 
-    All controls are commands in it.
+    None where the rate of one of these states is not linear.
     """
     bounds = flow.rates(low, high)
     if bounds is None:
@@ -218,7 +218,7 @@ def _linear_model(
     moving = n + flow.controls
     size = np.abs(rates[:, 2]) + np.abs(rates[:, FORM:]).sum(axis=1)
     slopes = rates[:, FORM : FORM + moving] / np.where(radius[:moving] > 0, radius[:moving], 1.0)
-    todo, states = list(own), set()
+    todo, states = list(group_states), set()
     while todo:
         s = todo.pop()
         if s in states:

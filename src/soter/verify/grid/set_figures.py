@@ -1,4 +1,4 @@
-"""The sets of a grid in figures: the paper's regions R1 to R5.
+"""Figures of the sets of a grid, which show the paper's regions R1 to R5.
 
 Purpose: `region_of_each_cell` gives each cell of a group its region, and `figure_of_regions` makes
 a figure of the first two axes, with slices through the third. `deepest_cell` finds a state deep in
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def drawn_edges(axes: Sequence[Axis]) -> list[NDArray[np.float64]]:
-    """The edges of each axis, (n + 1,), with the cell at an open end as long as the mean cell."""
+    """The edges of each axis, (n + 1,); a cell at an open end is drawn as long as the mean cell."""
     edges_by_axis = []
     for axis in axes:
         edges = np.array(axis.edges)
@@ -36,7 +36,7 @@ def drawn_edges(axes: Sequence[Axis]) -> list[NDArray[np.float64]]:
 
 
 def volume_share(cells: Bools, edges: Sequence[NDArray[np.float64]]) -> float:
-    """The share of a grid's volume that `cells`, of its shape, have; `edges` are (cells + 1,)."""
+    """The share of a grid's volume that the set `cells` has; `edges` are (cells + 1,) per axis."""
     weight = cells.astype(np.float64)
     for e in reversed(edges):
         # not `@`: BLAS has a thread a core for that, and they spin for a while afterwards
@@ -45,7 +45,7 @@ def volume_share(cells: Bools, edges: Sequence[NDArray[np.float64]]) -> float:
 
 
 def deepest_cell(part: GroupSets) -> dict[int, float]:
-    """The middle of a cell far from the border of C, a number by state; empty where C is empty."""
+    """The middle of a cell far from the border of C, a value by state; empty where C is empty."""
     left = part.allowed
     while True:
         inner = left.copy()
@@ -68,7 +68,7 @@ def deepest_cell(part: GroupSets) -> dict[int, float]:
 
 
 SLICES_MAX = 24
-"""The most slices of a figure with three axes: each is some kB of the page."""
+"""The most slices of a figure with three axes; each takes some kB of the page."""
 
 
 def region_of_each_cell(sets: GroupSets) -> NDArray[np.uint8]:
@@ -84,7 +84,7 @@ def region_of_each_cell(sets: GroupSets) -> NDArray[np.uint8]:
 
 
 def figure_of_regions(sets: GroupSets, note: str) -> RegionFigure:
-    """The figure of the first two axes, at the place on further axes that shows most.
+    """A figure of the first two axes, at that place on further axes where most cells may be AC's.
 
     A third axis has up to `SLICES_MAX` slices.
     """
@@ -112,7 +112,7 @@ def figure_of_regions(sets: GroupSets, note: str) -> RegionFigure:
     through = cells[cut] if at else cells
     ttf = None if lets_ac is None else lets_ac[cut] if at else lets_ac
 
-    def lets(i: int) -> NDArray[np.bool_] | None:
+    def ac_at(i: int) -> NDArray[np.bool_] | None:
         return None if ttf is None else ttf[:, :, i]
 
     indices = _slice_numbers(cells.shape[2], at[0]) if at else []
@@ -128,17 +128,17 @@ def figure_of_regions(sets: GroupSets, note: str) -> RegionFigure:
         y_unit=axes[1].unit,
         across=axes[2].name if at else "",
         slices=tuple(
-            RegionSlice(_cell_in_words(axes[2], i), through[:, :, i], lets(i)) for i in indices
+            RegionSlice(_cell_in_words(axes[2], i), through[:, :, i], ac_at(i)) for i in indices
         ),
         shown=indices.index(at[0]) if at else 0,
-        lets_ac=lets(at[0]) if at else ttf,
+        lets_ac=ac_at(at[0]) if at else ttf,
     )
 
 
 def place_that_shows_most(cells: NDArray[np.uint8]) -> tuple[int, ...]:
-    """The place on the axes from the third on where most cells of the first two may be AC's.
+    """The indices, from the third axis on, at which most cells of the first two may be AC's.
 
-    Places where AC gets control back come first, so that no region with cells stays out of sight.
+    Places where AC gets control back come first, so that no region that has cells is left out.
     Among equals the place with most cells in K counts, then in C, then the one nearest the middle.
     `cells`: the regions, in the grid's shape.
     """
@@ -154,7 +154,7 @@ def place_that_shows_most(cells: NDArray[np.uint8]) -> tuple[int, ...]:
 
 
 def _slice_numbers(count: int, shown: int) -> list[int]:
-    """The numbers of the slices to draw, of `count`: both ends and `shown` are among them."""
+    """The numbers of the slices to draw out of `count`; both ends and `shown` are among them."""
     even = np.linspace(0, count - 1, min(count, SLICES_MAX)).round().astype(int)
     return sorted({*even.tolist(), shown})
 

@@ -35,13 +35,13 @@ if TYPE_CHECKING:
 SLICE_S = 0.1
 """How long the engine works between two looks at the stop flag."""
 LONGEST = 250
-"""The longest chain, in periods of SC: a witness (uint8) holds it, with room for `RESTS`."""
+"""The longest chain, in periods of SC: a witness (uint8) holds it, besides `RESTS`."""
 RESTS = 255
 """The witness of a cell that is kept without a chain: SC stands still there (`resting.py`)."""
 VAIN_LEAST = 100
-"""Up to this many cells K is never given up for cells that were followed in vain: it is quick."""
+"""For no more cells than this followed in vain K is never given up, as these are quick."""
 HOLDS_LEAST = 100_000
-"""Up to this many periods of SC K is never given up: they take 3 s of CPU time at most."""
+"""For no more periods of SC than this K is never given up: they take 3 s of CPU time at most."""
 POOL_BYTES = 2**28
 SEGMENTS = 2
 SEGMENTS_MAX = 64
@@ -50,7 +50,7 @@ WORTH_IT = 0.005
 """The segments of a tube are doubled again while that adds this share of the target's cells."""
 STEPS_MAX = 8
 WORTH_A_STEP = 0.02
-"""`WORTH_IT` of a flow that is not linear, where each segment is a step for every box."""
+"""The same share as `WORTH_IT`, for a nonlinear flow, whose segments cost a step for each box."""
 
 
 @dataclass(frozen=True)
@@ -69,12 +69,12 @@ class Core:
 
     @property
     def cells(self) -> Bools:
-        """Truths in the grid's shape: whether each cell is in K."""
+        """Whether each cell is in K, in the grid's shape."""
         return np.asarray(self.witness != 0)
 
 
 class GridGroup(GridModel):
-    """The engine for one group of states: it computes sets on the group's grid.
+    """The engine that computes sets on the grid of one group of states.
 
     `GridModel` has the group's description in C (`c`) and gives the engine its memory: `pointer` to
     an array, `bits_of` a set, memory by `allocate_rounds`; it works cell by cell in `tiles`.
@@ -83,7 +83,7 @@ class GridGroup(GridModel):
     _scratch: tuple[npt.NDArray[np.uint16], Ints, Bytes] | None = None
 
     @classmethod
-    def of(
+    def for_group(
         cls,
         library: ReachLibrary,
         problem: Problem,
@@ -91,7 +91,7 @@ class GridGroup(GridModel):
         parameters: Sequence[int] = (),
         **options: Any,  # noqa: ANN401 - those of __init__
     ) -> GridGroup:
-        """The engine for a group of a problem."""
+        """An engine for one group of a problem."""
         axes = [(a.state, a.edges) for a in group.axes]
         ends = {a.state for a in group.axes if a.open}
         endless = {a.state for a in group.axes if a.unbounded}
@@ -139,21 +139,21 @@ class GridGroup(GridModel):
     def cells_maybe_true(
         self, predicate: str, *, ranges: Mapping[int, tuple[float, float]] | None = None
     ) -> Bools:
-        """Cells with a point, plus an error in E, where it may be true: the grid's shape."""
+        """Cells with a point plus an error in E at which it may be true, in the grid's shape."""
         return np.asarray((self.truth_bits(predicate, ranges=ranges) & 6) != 0)
 
     def cells_maybe_false(
         self, predicate: str, *, ranges: Mapping[int, tuple[float, float]] | None = None
     ) -> Bools:
-        """Cells with a point, plus an error in E, where it may be false: the grid's shape."""
+        """Cells with a point plus an error in E at which it may be false, in the grid's shape."""
         return np.asarray((self.truth_bits(predicate, ranges=ranges) & 5) != 0)
 
     def compute_constraint(
         self, *, hint: bool = False, ranges: Mapping[int, tuple[float, float]] | None = None
     ) -> Bools:
-        """C, in the grid's shape: cells all over which `safe` (with `hint` also `core`) holds.
+        """The cells of C, in the grid's shape: `safe` holds all over them, with `hint` also `core`.
 
-        Where the unit has a `constraint`, plants publish there only values of their topics' sets.
+        If the unit has a `constraint`, plants also publish only values in their topics' sets there.
         """
         named = self.library.symbol("constraint") != self.library.ffi.NULL
         cells = self.cells_true("constraint" if named else "safe", ranges=ranges)
@@ -170,7 +170,7 @@ class GridGroup(GridModel):
         members: Bools | None = None,
         holds: int = 0,
     ) -> Core:
-        """K: the cells from which the law keeps to `allowed` and comes back to K.
+        """The set K: cells from which the law stays in `allowed` and comes back to K.
 
         It is the greatest fixpoint of {c in `allowed`: for some N <= `longest` the tube over [0, N
         delta + j] lies in `allowed` and the image over [N delta - j, N delta + j] in K}. A chain is
@@ -198,7 +198,7 @@ class GridGroup(GridModel):
 
     @property
     def never_moves(self) -> bool:
-        """Whether no state of the group ever changes, so that every set of cells is kept."""
+        """Whether no state of the group ever changes, so that no run leaves any set of cells."""
         return set(self.axes) <= self.inputs.still
 
     @property
@@ -228,7 +228,7 @@ class GridGroup(GridModel):
         vain_max: int,
         holds: int,
     ) -> Core:
-        """K as `compute_core` says; `vain_max`: the most cells followed in vain, 0: no limit."""
+        """The set K of `compute_core`; `vain_max`: the most cells followed in vain, 0: no limit."""
         ffi, lib, n = self.library.ffi, self.library.lib, len(self.axes)
         size = int(np.prod(self.shape))
         allowed_bits, member_bits, resting_bits = map(self.bits_of, (allowed, members, resting))
@@ -267,7 +267,7 @@ class GridGroup(GridModel):
         return Core(witness, int(w.r.rounds), sum(w.r.steps), sum(w.r.vain), spent)
 
     def cells_safe_for(self, t_ns: int, target: Bools, *, segments: int | None = None) -> Bools:
-        """R(t) for a target: cells from which no command of U leads out of the target within t.
+        """The set R(t) of a target: cells from which no command of U leads out of it within t.
 
         Every run over [0, t] under any measurable command stays in the target. A map's t is a whole
         number of periods. `segments`: into how many pieces a flow's tube is cut; None: the number
@@ -296,7 +296,7 @@ class GridGroup(GridModel):
         return cells
 
     def _cells_safe_in_pieces(self, t_ns: int, target: Bools, known: Bools, pieces: int) -> Bools:
-        """R(t) with a fixed number of pieces (of a map: periods); `known` cells are in it."""
+        """The set R(t) by tubes of so many pieces (for a map: periods); `known` cells are in it."""
         ffi, lib = self.library.ffi, self.library.lib
         out = np.empty(self.shape, dtype=np.uint8)
         bits, done = self.bits_of(target), self.bits_of(known)
@@ -325,7 +325,7 @@ class GridGroup(GridModel):
             share_done(at / self.tiles, "tubes")
         return out.view(np.bool_)
 
-    def _shifted_by_errors(self, cells: Bools, errors: Mapping[int, float], *, grow: bool) -> Bools:
+    def _shifted_cells(self, cells: Bools, errors: Mapping[int, float], *, grow: bool) -> Bools:
         now = np.ascontiguousarray(cells).view(np.uint8)
         for a, cells_by_cell in enumerate(self.overlapped_cells(errors)):
             if not errors.get(self.axes[a], 0.0):
@@ -350,21 +350,21 @@ class GridGroup(GridModel):
         return now.view(np.bool_)
 
     def erode(self, cells: Bools, errors: Mapping[int, float]) -> Bools:
-        """The cells c with c + E inside the set, in the grid's shape.
+        """The cells that stay inside the set with every error in E, in the grid's shape.
 
-        As E is symmetric these are both the estimates all of whose states, and the states all of
-        whose estimates, are in the set. `errors`: the largest error of each state, which make E.
+        E is symmetric, so these are the estimates all of whose states are in the set, and also the
+        states all of whose estimates are. `errors`: the largest error of each state; they make E.
         """
-        return self._shifted_by_errors(cells, errors, grow=False)
+        return self._shifted_cells(cells, errors, grow=False)
 
     def dilate(self, cells: Bools, errors: Mapping[int, float]) -> Bools:
-        """The cells that c + E overlaps for some cell c of the set, in the grid's shape."""
-        return self._shifted_by_errors(cells, errors, grow=True)
+        """The cells that a cell of the set reaches with an error in E, in the grid's shape."""
+        return self._shifted_cells(cells, errors, grow=True)
 
     def images_and_tubes(
         self, low: Sequence[float] | Floats, high: Sequence[float] | Floats, holds: int
     ) -> list[Floats]:
-        """Images and tubes of up to `holds` periods of SC from a box, each (k, axes, 2)."""
+        """Images and tubes after each of up to `holds` periods of SC from a box: (k, axes, 2)."""
         n = len(self.axes)
         ends = [np.array(v, dtype=np.float64) for v in (low, high)]
         images, tubes = (np.zeros((holds, n, 2)) for _ in range(2))

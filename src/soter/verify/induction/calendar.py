@@ -1,8 +1,8 @@
-"""When steps may run: the steps in a span of time, and in which orders they may come.
+"""Lists the steps in a span of time, and the orders in which they may run.
 
 Purpose: `calendar_steps` turns releases of components into steps with windows, and tells the solver
-their order. A step reads at its start, at most `late` after its release; what it does is out at
-most `response` after that; within one instant every order is possible.
+their order. A step reads at its start, at most `late` after its release. Its effect is there at
+most `response` after the start. Within one instant every order is possible.
 Non-goals: what a step does (`transition_relation.py`).
 """
 
@@ -32,9 +32,9 @@ class ComponentCalendar:
 
 @dataclass(eq=False)
 class Point:
-    """An instant at which a step reads or writes: `at`, in [earliest, latest], in ns.
+    """The instant `at`, in [earliest, latest] in ns, at which a step reads or writes.
 
-    Of several at one time the one with the lower `place` comes first.
+    Of several points at one time the one with the lower `place` comes first.
     """
 
     earliest: int
@@ -47,7 +47,7 @@ class Point:
 class CalendarStep:
     """The step of one release: it reads at `start`, and others see its results from `effect` on.
 
-    `begun`: it was released before the span of time, and what it read is not known.
+    `begun`: it was released before the span of time, so that its reads are not known.
     """
 
     component: int
@@ -57,40 +57,42 @@ class CalendarStep:
     begun: bool = False
 
 
-def hyperperiod_ns(clocks: Sequence[ComponentCalendar]) -> int:
+def hyperperiod_ns(calendars: Sequence[ComponentCalendar]) -> int:
     """The hyperperiod in ns, after which the releases of all components repeat."""
-    return lcm(*(c.period for c in clocks))
+    return lcm(*(c.period for c in calendars))
 
 
-def start_of_periodic_releases(clocks: Sequence[ComponentCalendar]) -> int:
+def start_of_periodic_releases(calendars: Sequence[ComponentCalendar]) -> int:
     """The first multiple of the hyperperiod, in ns, from which on releases are periodic."""
-    whole = hyperperiod_ns(clocks)
-    return -(-max(c.phase for c in clocks) // whole) * whole
+    hyperperiod = hyperperiod_ns(calendars)
+    return -(-max(c.phase for c in calendars) // hyperperiod) * hyperperiod
 
 
-def releases_until(clock: ComponentCalendar, end: int, *, first: bool) -> list[int]:
-    """Releases in [0, end), from the start of a run (`first`) or of any later hyperperiod.
+def releases_until(calendar: ComponentCalendar, end: int, *, first: bool) -> list[int]:
+    """The releases in [0, end) from the start of a run (`first`), or of any later hyperperiod.
 
-    In a later hyperperiod also the release before 0, if its step may last until then.
+    A later hyperperiod also has the release before 0 if that step may last until 0.
     """
-    begin = clock.phase if first else clock.phase % clock.period
-    instants = list(range(begin, end, clock.period))
-    before = begin - clock.period
-    if not first and before + clock.late + clock.response >= 0:
+    begin = calendar.phase if first else calendar.phase % calendar.period
+    instants = list(range(begin, end, calendar.period))
+    before = begin - calendar.period
+    if not first and before + calendar.late + calendar.response >= 0:
         instants.insert(0, before)
     return instants
 
 
 def calendar_steps(
-    terms: SolverTerms, clocks: Sequence[ComponentCalendar], end: int, *, first: bool
+    terms: SolverTerms, calendars: Sequence[ComponentCalendar], end: int, *, first: bool
 ) -> list[CalendarStep]:
-    """All steps in [0, end); their known order is stated as facts of `terms`."""
+    """All steps in [0, end); also states the known order of these steps as facts of `terms`."""
     steps: list[CalendarStep] = []
-    for clock in clocks:
-        own = [_calendar_step(terms, clock, r) for r in releases_until(clock, end, first=first)]
-        for a, b in pairwise(own):
+    for calendar in calendars:
+        steps_of_component = [
+            _calendar_step(terms, calendar, r) for r in releases_until(calendar, end, first=first)
+        ]
+        for a, b in pairwise(steps_of_component):
             terms.state(is_before(terms, a.effect, b.start))
-        steps += own
+        steps += steps_of_component
     for group in groups_apart_in_time(steps):
         points = [p for s in group for p in {s.start: 0, s.effect: 0}]
         if len(points) > 1:
@@ -98,19 +100,19 @@ def calendar_steps(
     return steps
 
 
-def _calendar_step(terms: SolverTerms, clock: ComponentCalendar, release: int) -> CalendarStep:
+def _calendar_step(terms: SolverTerms, calendar: ComponentCalendar, release: int) -> CalendarStep:
     begun = release < 0
-    start = _new_point(terms, max(release, 0), max(release + clock.late, 0))
-    last = release + clock.late + clock.response
+    start = _new_point(terms, max(release, 0), max(release + calendar.late, 0))
+    last = release + calendar.late + calendar.response
     if begun:
         effect = _new_point(terms, 0, last)
-        return CalendarStep(clock.component, release, effect, effect, begun=True)
-    if not clock.response:
-        return CalendarStep(clock.component, release, start, start)
+        return CalendarStep(calendar.component, release, effect, effect, begun=True)
+    if not calendar.response:
+        return CalendarStep(calendar.component, release, start, start)
     effect = _new_point(terms, release, last)
-    terms.state(effect.at <= start.at + clock.response)
+    terms.state(effect.at <= start.at + calendar.response)
     terms.state(is_before(terms, start, effect))
-    return CalendarStep(clock.component, release, start, effect)
+    return CalendarStep(calendar.component, release, start, effect)
 
 
 def _new_point(terms: SolverTerms, earliest: int, latest: int) -> Point:
@@ -135,7 +137,7 @@ def is_before(terms: SolverTerms, a: Point, b: Point) -> Term:
 
 
 def groups_apart_in_time(steps: Sequence[CalendarStep]) -> list[list[CalendarStep]]:
-    """The steps in groups, each of which is over before the next one begins."""
+    """The steps in groups, of which each ends before the next one begins."""
     groups: list[list[CalendarStep]] = []
     latest = -1
     for step in sorted(steps, key=lambda s: (s.start.earliest, s.release)):

@@ -1,10 +1,9 @@
-"""Whether a view's state jumps only where `enters` holds ("Hand-over" in docs/proof-sets.md).
+"""Shows that a view's state jumps only where `enters` holds ("Hand-over" in docs/proof-sets.md).
 
 Purpose: the state of a view is computed by a map that may read topics, so it jumps when a node
 publishes new values there. `jumping_topics` finds that node and asks z3 about any two of its steps
-in a row, and about its first step: either what the map reads is published unchanged, or `enters`
-holds of what the later step reads and publishes, and that step publishes all that the view's plants
-drive.
+in a row, and about its first step. Either the later step publishes the same values, or `enters`
+holds of what that step reads and publishes, and it publishes all that the view's plants drive.
 Non-goals: that the state lies in R(H) wherever `enters` holds (`claims/start.py`).
 """
 
@@ -38,7 +37,7 @@ Path = tuple[int, ...]
 
 @dataclass(frozen=True)
 class JumpingTopic:
-    """A topic, the node that publishes it, and `why` nothing is shown of it; "": it is shown."""
+    """A topic, the node that publishes it, and `why` nothing is shown of it ("" if it is shown)."""
 
     topic: typed.TopicSymbol
     node: str
@@ -48,7 +47,7 @@ class JumpingTopic:
 def jumping_topics(
     flat: System, module: Module, link: typed.AbstractionLink
 ) -> Iterator[JumpingTopic]:
-    """Every topic that the map of a view reads; none where there is no view or no `enters`."""
+    """The topics that the map of a view reads, each with what is shown; none without `enters`."""
     enters = None if module.whole is None else module.whole.verify.enters
     if enters is None:
         return
@@ -67,20 +66,20 @@ def jumping_topics(
 
 
 def _why_age_read(value: typed.TypedExpr | None, topic: typed.TopicSymbol) -> str:
-    """Why the map cannot be followed if it reads the topic's age: each publication resets that."""
+    """Why a map that reads the topic's age, which publishing resets, is not followed; or ""."""
     aged = any(isinstance(n, typed.AgeRead) and n.topic is topic for n in nodes([value]))
     return f"its map reads the age of {topic.name}" if aged else ""
 
 
 def _topic_index(flat: System, topic: typed.TopicSymbol) -> int:
-    """The system's index of a topic that components name; -1 where they mean several, or none."""
+    """The system's index of a topic symbol; -1 if components mean several topics by it, or none."""
     indices = {c.scope.topics[topic] for c in flat.components if topic in c.scope.topics}
     return indices.pop() if len(indices) == 1 else -1
 
 
 @dataclass(frozen=True)
 class ChangedTopic:
-    """A topic by its index, the parts that the map reads, the topics that show it to DM and SC."""
+    """A topic's index, the parts of it that the map reads, and the topics that show its state."""
 
     index: int
     paths: list[Path]
@@ -88,7 +87,7 @@ class ChangedTopic:
 
 
 def _why_locals_matter(flat: System, module: Module) -> str:
-    """Why an SC with locals is not followed: they may depend on what was there before the jump."""
+    """Why an SC with locals, which may remember the time before a jump, is not followed; or ""."""
     sc = flat.components[module.sc]
     return f"{sc.name} keeps locals" if sc.node is None or sc.node.locals else ""
 
@@ -117,7 +116,7 @@ def _why_not_followed(flat: System, index: int, writers: list[Component]) -> str
 
 
 def _paths_read(value: typed.TypedExpr | None, topic: typed.TopicSymbol) -> list[Path]:
-    """The parts of a topic that an expression reads, as paths of field indices; () is all of it."""
+    """The parts of a topic that an expression reads, as paths of field indices; () is the topic."""
     every = [n for n in nodes([value]) if isinstance(n, typed.TypedExpr)]
     around = {id(n.target): n for n in every if isinstance(n, typed.TypedField)}
     paths: dict[Path, None] = {}
@@ -134,21 +133,21 @@ def _paths_read(value: typed.TypedExpr | None, topic: typed.TopicSymbol) -> list
 
 @dataclass
 class StepReads:
-    """The reads of one step: of each topic the value in `values`, or any value of its set."""
+    """The reads of one step: the value of each topic in `values`, and of others any allowed one."""
 
     terms: SolverTerms
     flat: System
     values: dict[int, Term] = field(default_factory=dict)
 
-    def cell(self, cell: core.Cell, t: Type) -> Term:
+    def topic_value(self, cell: core.Cell, t: Type) -> Term:
         """The value of a topic in this step."""
         if cell.owner not in self.values:
             topic = self.flat.topics[cell.owner]
             self.values[cell.owner] = self.terms.unknown(t, topic.name, topic.bounds)
         return self.values[cell.owner]
 
-    def fact(self, fact: core.Fact) -> Term:
-        """Any value at each read; only `in_control` is always true."""
+    def fact_value(self, fact: core.Fact) -> Term:
+        """A new unknown value for each read of a fact; only `in_control` is always true."""
         if fact.fact == "in_control":
             return True
         if fact.fact == "mode":
@@ -162,7 +161,7 @@ class StepReads:
 
 @dataclass
 class StepTransition:
-    """The result of one step: locals, topics as (whether published, value), `enters` after it."""
+    """The result of one step: its locals, (whether published, value) of topics, `enters` then."""
 
     locals: dict[str, Term]
     published: dict[int, tuple[Term, Term]]
@@ -174,7 +173,7 @@ class StepTransition:
 def _why_change_possible(
     flat: System, module: Module, enters: typed.TypedExpr, c: Component, changed: ChangedTopic
 ) -> str:
-    """Why a change outside of `enters` is possible, as z3 finds; "": it is not possible."""
+    """Why a change where `enters` does not hold is possible, as z3 finds; "" if it is not."""
     enters_property = Property(0, "always", enters, module.scope, "enters", enters.span)
     program = lower(derived_systems.with_properties(flat, (enters_property,)))
     topic = flat.topics[changed.index]
@@ -207,12 +206,12 @@ def _why_change_possible(
 def _may_jump(
     terms: SolverTerms, step: StepTransition, last: StepTransition, t: Type, changed: ChangedTopic
 ) -> bool:
-    """Whether a step may publish a changed value where it must not (`last`: the step before)."""
+    """Whether a step may publish a changed value where it must not; `last`: the step before it."""
     nothing = (False, terms.unknown(t, "whatever"))
     published, value = step.published.get(changed.index, nothing)
-    published_before, old = last.published.get(changed.index, nothing)
-    old = terms.chosen(published_before, old, terms.unknown(t, "before"), t)
-    same = terms.all_of(*[_equal_parts(terms, value, old, t, p) for p in changed.paths])
+    early_topics, old = last.published.get(changed.index, nothing)
+    old = terms.choice(early_topics, old, terms.unknown(t, "before"), t)
+    same = terms.all_of(*[_have_equal_parts(terms, value, old, t, p) for p in changed.paths])
     shows = [step.published.get(i, (False, None))[0] for i in changed.shown]
     runs = terms.negated(terms.any_of(step.faults, last.faults))
     good = terms.any_of(same, terms.all_of(step.enters, *shows))
@@ -224,11 +223,12 @@ def _may_jump(
     return bool(query.check() != terms.z3.unsat)
 
 
-def _equal_parts(terms: SolverTerms, a: Term, b: Term, t: Type, path: Path) -> Term:
+def _have_equal_parts(terms: SolverTerms, a: Term, b: Term, t: Type, path: Path) -> Term:
+    """The condition that two values of type `t` are equal in the part at `path`."""
     for k in path:
         assert isinstance(t, RecordType)
         a, b, t = a[k], b[k], t.fields[k][1]
-    pairs = zip(terms.flat(a, t), terms.flat(b, t), strict=True)
+    pairs = zip(terms.leaves(a, t), terms.leaves(b, t), strict=True)
     return terms.all_of(*[x == y for x, y in pairs])
 
 
@@ -253,7 +253,7 @@ def _step_transition(
     shown = StepReads(terms, flat, dict(reads.values))
     for i, (says, value) in published.items():
         t = flat.topics[i].type
-        shown.values[i] = terms.chosen(says, value, terms.unknown(t, "before"), t)
+        shown.values[i] = terms.choice(says, value, terms.unknown(t, "before"), t)
     after_step = Evaluation(terms, functions, shown)
     after_step.run(enters.body)
     holds = after_step.expr(enters.value)

@@ -1,7 +1,7 @@
-"""The problem of a module that is proved by induction, read off its program.
+"""Makes the problem of a module that is proved by induction from its program.
 
-Purpose: `extract_induction` finds which nodes the proof has to follow, how late they may be, and
-what is to be proved; it refuses (R030, R031, R032) a module that induction is not for.
+Purpose: `extract_induction` finds the nodes that the proof has to follow, how late they may be, and
+the claims to prove. It refuses (R030, R031, R032) a module that induction is not for.
 Non-goals: the transition relation itself (`transition_relation.py`).
 """
 
@@ -56,7 +56,7 @@ OTHERS = (
     "age",
     "enters",
 )
-"""Clauses of a `verify` block that only proofs by sets use: beside `induction` they are refused."""
+"""Clauses of a `verify` block that only proofs by sets use, and that `induction` refuses."""
 WORDS = {"groups": "grid", "acts": "acts within"}
 
 
@@ -68,24 +68,24 @@ class InductionProblem(Problem):
     """
 
     clocks: tuple[ComponentCalendar, ...]
-    """Their times as the proof follows them: SC waits for the DM's verdict."""
+    """The times of all components as the proof follows them: SC waits for the DM's verdict."""
     declared: tuple[ComponentCalendar, ...]
-    """Their times as they are declared."""
+    """The times of all components as they are declared."""
     undeclared: tuple[str, ...]
-    """The times that are not declared, and are taken for zero."""
+    """The names of times that are not declared, and count as zero."""
     safe: Predicate
     lemmas: tuple[Predicate, ...]
     lemma_texts: tuple[str, ...]
     progress: tuple[Predicate, ...]
     """The conditions of `progress_texts`, lowered to Core."""
     any_value: dict[str, str] = field(default_factory=dict)
-    """Topics of which only their set is known: why that is so, in words, by name."""
+    """For each topic that may hold any value of its set, by name, why nothing more is known."""
     heard: frozenset[int] = frozenset()
     """Topics of `any_value` that P2b assumes constant: their nodes hear plants or other modules."""
     waited: frozenset[int] = frozenset()
     """Topics that hold a mode which `safer` reads: P2b assumes that these modes are AC."""
     first_ns: int = 0
-    """The first instant at which the whole system does something."""
+    """The first instant at which a component of the flying system runs, or an input arrives."""
 
     @cached_property
     def outputs(self) -> dict[int, list[int]]:
@@ -114,16 +114,16 @@ def _properties_to_show(module: Module) -> list[Property]:
 
 
 def extract_induction(flat: System, module: Module, modes: Modes = NO_MODES) -> InductionProblem:
-    """The problem of `module` of a flat system; `SoterError` R030, R031 or R032.
+    """The problem of a module of a flat system; `SoterError` R030, R031 or R032.
 
-    `modes`: the modes of other modules that it reads, as topics that nobody publishes.
+    `modes`: the modes of other modules that the module reads, as topics that nobody publishes.
     """
     diagnostics = Diagnostics()
     _refuse_unsupported(flat, module, diagnostics)
     diagnostics.raise_errors()
     nodes, any_value, heard = _followed_nodes(flat, module, modes)
     kept = [module.dm, module.sc, module.ac, *nodes]
-    system = derived_systems.undriven(flat, kept)
+    system = derived_systems.bare_system(flat, kept)
     index = next(i for i, m in enumerate(system.modules) if m.name == module.name)
     proved_module = system.modules[index]
     assert not any(c.extern for c in system.components if c.role in ("sc", "node"))
@@ -252,13 +252,13 @@ def _refuse_controller(flat: System, module: Module, diagnostics: Diagnostics) -
 def _followed_nodes(
     flat: System, module: Module, modes: Modes
 ) -> tuple[list[int], dict[str, str], list[int]]:
-    """The nodes to follow; the topics that may hold any value, and why; those of nodes that hear.
+    """The nodes to follow, topics with any value (with reasons), and topics of nodes that hear.
 
-    The writers of what `safe` and the lemmas read are followed, and other writers unless they hear
-    plants or other modules: what those publish is unknown anyway, and their topics come third.
+    The writers of topics that `safe` and the lemmas read are followed. Other writers are followed
+    unless they hear plants or other modules; their topics are the third result.
     """
     symbol, scope = module.symbol, module.scope
-    own = {module.dm, module.sc, module.ac}
+    own_components = {module.dm, module.sc, module.ac}
     needed = {*_topics_read(scope, symbol.safe, *symbol.verify.lemmas)}
     todo = _topics_read(scope, *symbol.predicates_and_lemmas)
     todo += _topics_of_node(flat.components[module.sc])
@@ -282,7 +282,7 @@ def _followed_nodes(
             any_value[name] = why
             continue
         for c in writers:
-            if c.index not in own and c.index not in nodes:
+            if c.index not in own_components and c.index not in nodes:
                 nodes[c.index] = None
                 todo += _topics_of_node(c)
     return list(nodes), any_value, heard
@@ -295,7 +295,7 @@ def _queue_source(flat: System, topic: int) -> int:
 
 
 def _sources_in_words(flat: System, module: Module, writers: list[Component]) -> str:
-    """Words on plants or other modules on which a writer depends; "": on none."""
+    """The plant or other module on which the writers of a topic depend, in words; "" if none."""
     todo, seen = list(writers), set(module.outputs)
     while todo:
         c = todo.pop()
@@ -310,7 +310,7 @@ def _sources_in_words(flat: System, module: Module, writers: list[Component]) ->
 
 
 def _why_not_followed(flat: System, module: Module, writers: list[Component]) -> str:
-    """Why a topic may hold anything of its set at any time; "" where its nodes are followed."""
+    """Why a topic may hold any value of its set at any time; "" where its writers are followed."""
     if not writers:
         return "the environment's"
     for c in writers:
@@ -364,7 +364,7 @@ def _topics_of_node(c: Component) -> list[int]:
 def _times_of_components(
     system: System, module: Module, diagnostics: Diagnostics
 ) -> tuple[Times, tuple[ComponentCalendar, ...], tuple[ComponentCalendar, ...], list[str]]:
-    """The times of DM and SC; all calendars, as followed and as declared; times left out."""
+    """The times of DM and SC, the calendars as followed and as declared, the undeclared times."""
     _refuse_times_of_others(system, module, diagnostics)
     absent: list[str] = []
     calculator = Calculator(diagnostics, module.scope.params)
@@ -396,7 +396,7 @@ def _times_of_components(
 def _delays_of(
     c: Component, module: Module, calculator: Calculator, absent: list[str]
 ) -> tuple[int, int]:
-    """Lateness and response of a component in ns; those not declared are added to `absent`."""
+    """The lateness and response of a component in ns; adds the undeclared ones to `absent`."""
     verify, delays = module.symbol.verify, []
     names = (c.name, c.name.rpartition(".")[2], c.node.name if c.node else c.name)
     for word in ("late", "response"):

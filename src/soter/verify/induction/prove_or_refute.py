@@ -1,9 +1,9 @@
-"""k-induction over hyperperiods, and a run that leaves `safe` where the induction fails.
+"""Proves a module by k-induction over hyperperiods, or looks for a run that leaves `safe`.
 
 Purpose: `prove_by_induction` proves that at all times `safe` and every lemma hold and no step
 faults: in the first hyperperiods of every run, and in each one that follows k in which all held.
-For P2b it then proves that DM cannot say "SC" for more than so many hyperperiods on end, and it
-finds out whether AC can ever have control. Where the relation has a run in which something fails,
+For P2b it then proves a bound on the hyperperiods in which SC keeps control, and it finds out
+whether AC can ever have control. Where the transition relation has a run in which something fails,
 `refuting_run` looks for such a run of the program by systematic testing, with an AC that may
 publish anything; it counts only after the reference interpreter has replayed it.
 Non-goals: the relation (`transition_relation.py`), what an execution is (docs/testing.md).
@@ -68,41 +68,41 @@ class Induction:
     proved: bool = False
     seconds: float = 0.0
     fails_ns: int | None = None
-    """By this time something fails in some run of the relation from the start; None: in none."""
-    what: str = ""
-    """What fails there: `safe`, a lemma in words, or a step that faults."""
+    """The time in ns by which something fails in some run of the relation; None if in no run."""
+    failure: str = ""
+    """The words for what fails there: `safe`, a lemma, or a step that faults."""
     about: str = ""
-    """The kind of `what`: "safe", "lemma" or "fault"."""
+    """The kind of `failure`: "safe", "lemma" or "fault"."""
     why: str = ""
     """Why neither a proof nor a failing run was found."""
     gave_up: str = ""
-    """What the solver gave up on: an addition to `why`."""
+    """An addition to `why` if the solver gave up."""
     undecided: str = ""
-    """`why`, or what fails, if steps that may fault are taken to latch their nodes."""
+    """The reason or failure of the second try, in which steps that may fault latch their nodes."""
     uninterpreted: dict[str, None] = field(default_factory=dict)
     latching: tuple[str, ...] = ()
-    """Components that may fault, for all that is known: the proof holds also where they do."""
+    """The names of components whose steps may fault; the proof holds also where they do."""
     returns: int = 0
-    """SC never keeps control for this many whole hyperperiods; 0: not shown."""
+    """The number of whole hyperperiods for which SC never keeps control; 0 if none is shown."""
     returns_s: float = 0.0
     contradicted: bool = False
-    """What P2b takes for granted holds in no run for so long, so that P2b would say nothing."""
+    """Whether no run is long enough and meets the assumptions of P2b, so that P2b says nothing."""
     never: str = ""
     """"gets": no decision gives AC control; "keeps": none leaves it control; "fails": `safe` is
     true of all values that topics may have; "": none of these."""
 
     @property
     def returns_ns(self) -> int:
-        """T of P2b in ns: one hyperperiod more, as SC may take over within one; 0: not shown."""
+        """T of P2b in ns, one hyperperiod more, as SC may take over within one; 0 if not shown."""
         return (self.returns + 1) * self.hyperperiod_ns if self.returns else 0
 
 
 @ctrl_c_waits()
 def prove_by_induction(problem: InductionProblem) -> Induction:
-    """Tries to prove a module by k-induction; the result says how far that came."""
+    """Tries to prove a module by k-induction; the result says how far the proof came."""
     began = time.perf_counter()
-    whole = hyperperiod_ns(problem.clocks)
-    induction = Induction(whole, sum(whole // c.period for c in problem.clocks))
+    hyperperiod = hyperperiod_ns(problem.clocks)
+    induction = Induction(hyperperiod, sum(hyperperiod // c.period for c in problem.clocks))
     if induction.steps > STEPS_MAX // 2:
         induction.why = f"a hyperperiod has {induction.steps} steps, too many to be followed"
         return induction
@@ -120,7 +120,7 @@ def prove_by_induction(problem: InductionProblem) -> Induction:
 
 
 def _prove_with_latching(problem: InductionProblem, induction: Induction) -> None:
-    """Tries once more with steps that may fault and latch their nodes; such a proof counts, too."""
+    """Tries once more, now with steps that may fault and latch their nodes; that proves as much."""
     names = _components_that_may_fault(problem)
     if not names:
         return
@@ -130,13 +130,13 @@ def _prove_with_latching(problem: InductionProblem, induction: Induction) -> Non
         induction.latching, induction.k, induction.proved = names, other.k, other.proved
         induction.uninterpreted |= other.uninterpreted
     if other.about == "safe":
-        induction.about, induction.what, induction.fails_ns = (
+        induction.about, induction.failure, induction.fails_ns = (
             other.about,
-            other.what,
+            other.failure,
             other.fails_ns,
         )
     elif not other.proved:
-        induction.undecided = other.why or f"{other.what} then"
+        induction.undecided = other.why or f"{other.failure} then"
 
 
 def _components_that_may_fault(problem: InductionProblem) -> tuple[str, ...]:
@@ -148,7 +148,7 @@ def _components_that_may_fault(problem: InductionProblem) -> tuple[str, ...]:
 
 
 def _deepen_induction(problem: InductionProblem, induction: Induction) -> None:
-    """Tries greater and greater depths k until both halves hold, the first fails, or time is up."""
+    """Tries greater and greater depths k until both halves hold, the base fails, or time is up."""
     began = time.process_time()
     for n, k in enumerate(DEPTHS):
         share_done(n / len(DEPTHS))
@@ -169,7 +169,7 @@ def _deepen_induction(problem: InductionProblem, induction: Induction) -> None:
 
 
 def _prove_base_case(problem: InductionProblem, induction: Induction, k: int) -> str:
-    """Whether all claims hold from the start of every run until k hyperperiods after all phases."""
+    """HOLDS, FAILS or UNKNOWN: whether all claims hold until k hyperperiods after all phases."""
     terms = SolverTerms()
     end = start_of_periodic_releases(problem.clocks) + k * induction.hyperperiod_ns
     span = TimeSpan(problem, terms, end, first=True, latching=bool(induction.latching))
@@ -191,7 +191,7 @@ def _prove_base_case(problem: InductionProblem, induction: Induction, k: int) ->
     ]
     induction.fails_ns, number = min(times)
     induction.about = ("fault", "safe")[number] if number < 2 else "lemma"
-    induction.what = _property_name(problem, number)
+    induction.failure = _property_name(problem, number)
     return FAILS
 
 
@@ -204,15 +204,15 @@ def _property_name(problem: InductionProblem, number: int) -> str:
 def _prove_induction_step(problem: InductionProblem, induction: Induction, k: int) -> bool:
     """Whether all claims hold in the hyperperiod after any k in which all held.
 
-    Each claim is asked by itself: ten of them in one question are harder than ten questions.
+    Each claim is a question of its own: one question about ten claims is harder than ten.
     """
     terms = SolverTerms()
-    whole = induction.hyperperiod_ns
-    span = TimeSpan(problem, terms, (k + 1) * whole, latching=bool(induction.latching))
-    failures = _failing_conditions(span, k * whole, (k + 1) * whole)
+    hyperperiod = induction.hyperperiod_ns
+    span = TimeSpan(problem, terms, (k + 1) * hyperperiod, latching=bool(induction.latching))
+    failures = _failing_conditions(span, k * hyperperiod, (k + 1) * hyperperiod)
     for claim in sorted({number for _, _, number in failures}):
         query = terms.query()
-        _assume_held_before(query, span, k * whole)
+        _assume_held_before(query, span, k * hyperperiod)
         query.add(terms.any_of(*[b for b, _, number in failures if number == claim]))
         answer = query.check()
         if answer == terms.z3.unknown:
@@ -223,7 +223,7 @@ def _prove_induction_step(problem: InductionProblem, induction: Induction, k: in
 
 
 def _assume_held_before(query: Query, span: TimeSpan, until: int) -> None:
-    """Adds to the query that all claims held that are judged before `until`."""
+    """Adds to the query that every claim which is judged before `until` held."""
     terms = span.terms
     for seen in span.judged:
         if seen.earliest < until:
@@ -232,7 +232,7 @@ def _assume_held_before(query: Query, span: TimeSpan, until: int) -> None:
 
 
 def _failing_conditions(span: TimeSpan, begin: int, end: int) -> list[tuple[Term, Term, int]]:
-    """Each way in which a claim may fail in [begin, end): condition, time, number of the claim."""
+    """Every possible failure in [begin, end): its condition, its time, the number of the claim."""
     terms = span.terms
     failures = []
     for seen in span.judged:
@@ -249,27 +249,29 @@ def _failing_conditions(span: TimeSpan, begin: int, end: int) -> list[tuple[Term
 
 
 def _prove_return(problem: InductionProblem, induction: Induction) -> None:
-    """P2b: finds a number of hyperperiods in which SC cannot keep control, from any state."""
+    """Proves P2b: finds a number of hyperperiods for which SC cannot keep control."""
     began, since = time.perf_counter(), time.process_time()
-    whole = induction.hyperperiod_ns
+    hyperperiod = induction.hyperperiod_ns
     for n in DEPTHS:
         if (
             n + induction.k
         ) * induction.steps > STEPS_MAX or time.process_time() - since > BUDGET_S / 2:
             break
-        if problem.recover_ns is not None and (n + 1) * whole > problem.recover_ns:
+        if problem.recover_ns is not None and (n + 1) * hyperperiod > problem.recover_ns:
             break
-        if _no_such_run(problem, induction, n, stays=True):
-            induction.contradicted = _no_such_run(problem, induction, n, stays=False)
+        if _has_no_such_run(problem, induction, n, stays=True):
+            induction.contradicted = _has_no_such_run(problem, induction, n, stays=False)
             induction.returns = 0 if induction.contradicted else n
             break
     induction.returns_s = time.perf_counter() - began
 
 
-def _no_such_run(problem: InductionProblem, induction: Induction, n: int, *, stays: bool) -> bool:
+def _has_no_such_run(
+    problem: InductionProblem, induction: Induction, n: int, *, stays: bool
+) -> bool:
     """Whether no run has n hyperperiods in which all claims hold; `stays`: and SC keeps control.
 
-    In these runs no step faults, and what P2b takes for granted holds.
+    In these runs no step faults, and the assumptions of P2b hold.
     """
     terms, end = SolverTerms(), n * induction.hyperperiod_ns
     span = TimeSpan(problem, terms, end, returning=True, stays=stays)
@@ -281,16 +283,16 @@ def _no_such_run(problem: InductionProblem, induction: Induction, n: int, *, sta
 
 
 def _event_that_never_happens(problem: InductionProblem, induction: Induction) -> str:
-    """`safe` never "fails", AC never "gets" or "keeps" control; "": all may happen.
+    """The event that never happens: `safe` "fails", AC "gets" or "keeps" control; "" if all may.
 
-    The first hyperperiods are asked, and any after k in which all held: as the module is proved,
-    these cover all that can happen.
+    Looked at are the first hyperperiods, and any one after k in which all claims held. As the
+    module is proved, these cover every run.
     """
     if _is_safe_always_true(problem):
         return "fails"
-    whole, latching = induction.hyperperiod_ns, bool(induction.latching)
-    held_ns = induction.k * whole
-    any_time = partial(TimeSpan, problem, end=held_ns + whole, latching=latching)
+    hyperperiod, latching = induction.hyperperiod_ns, bool(induction.latching)
+    held_ns = induction.k * hyperperiod
+    any_time = partial(TimeSpan, problem, end=held_ns + hyperperiod, latching=latching)
     from_start = partial(
         TimeSpan,
         problem,
@@ -305,19 +307,19 @@ def _event_that_never_happens(problem: InductionProblem, induction: Induction) -
 
 
 def _is_safe_always_true(problem: InductionProblem) -> bool:
-    """Whether `safe` is true of all values of the topics' sets, whoever publishes them."""
+    """Whether `safe` is true for all values that the topics' sets allow."""
     terms = SolverTerms()
     span = TimeSpan(problem, terms, 0)
-    outside = terms.negated(span.claims_at(ClusterView(span, None, 0))[0])
+    outside = terms.negated(span.claim_conditions(ClusterView(span, None, 0))[0])
     query = terms.query()
     query.add(outside)
     return bool(query.check() == terms.z3.unsat)
 
 
-def _may_decide(made: Callable[..., TimeSpan], begin: int, word: str) -> bool:
-    """Whether a decision from `begin` on may give AC control ("gets"), or leave it AC ("keeps")."""
+def _may_decide(make_span: Callable[..., TimeSpan], begin: int, word: str) -> bool:
+    """Whether a decision from `begin` on may give control to AC ("gets"), or leave it ("keeps")."""
     terms = SolverTerms()
-    span = made(terms=terms)
+    span = make_span(terms=terms)
     query = terms.query()
     _assume_held_before(query, span, span.end)
     ways = [
@@ -334,12 +336,12 @@ def _solver_term(terms: SolverTerms, truth: Term) -> Term:
 
 
 ALTERNATIVES_MAX = 64
-"""All values of an int leaf are tried up to this many; else the ends, the default, the middle."""
+"""Up to this many values of an int are all tried; of more the ends, the default, the middle."""
 
 
 @dataclass(frozen=True)
 class ReplayedRun:
-    """A run of the program with some AC, replayed by the reference interpreter."""
+    """A run of the program with some AC, which the reference interpreter has replayed."""
 
     time_ns: int
     lines: tuple[str, ...]
@@ -350,7 +352,7 @@ class ReplayedRun:
 
 
 class Violated(Protocol):
-    """A run that was found: what it violates, when, and its steps."""
+    """A run that the search found, which violates a property or has a faulting step."""
 
     @property
     def what(self) -> str:
@@ -366,7 +368,7 @@ class Violated(Protocol):
 
 
 Search = Callable[["System"], "Violated | None"]
-"""Looks for a run of a flat system with a test plan that violates one of its properties."""
+"""A function that looks for a run of a flat system, with a test plan, that violates a property."""
 
 
 def refuting_run(
@@ -374,7 +376,7 @@ def refuting_run(
 ) -> ReplayedRun | None:
     """A run that violates `safe` by `until_ns`, or (`fault`) has a faulting step; None: none found.
 
-    Nothing is searched where the proof depends on topics that none of its nodes publishes: the
+    Where the proof depends on topics that none of its nodes publishes no run is searched, as the
     system that would be tested is not the program.
     """
     if problem.any_value:
@@ -389,7 +391,7 @@ def refuting_run(
 
 
 def system_as_test(problem: InductionProblem, system: System, until_ns: int) -> System:
-    """The system with a test plan: `safe` always holds, and steps may be as late as declared."""
+    """A copy of the system with a test plan for `safe`, in which steps are as late as declared."""
     m = problem.module
     span = m.symbol.span
     safe = Property(0, "always", m.symbol.safe, m.scope, "safe", m.symbol.safe.span)
@@ -406,7 +408,7 @@ def system_as_test(problem: InductionProblem, system: System, until_ns: int) -> 
 
 
 def system_with_any_ac(problem: InductionProblem) -> System:
-    """The system with an AC that may publish, or not, any value on each topic at each release."""
+    """A copy of the system whose AC may publish any value, or none, of each topic in each step."""
     system = problem.system
     ac = system.components[problem.module.ac]
     assert ac.node is not None
@@ -433,7 +435,7 @@ def system_with_any_ac(problem: InductionProblem) -> System:
 def _any_value(
     t: Type, bounds: Sequence[Bound | None], default: Value, at: Span
 ) -> typed.TypedExpr:
-    """An expression that chooses among the values of a type, or some where they are many."""
+    """An expression that chooses a value of a type: among all values, or some if there are many."""
     if isinstance(t, (RecordType, ArrayType)):
         part_types = [f for _, f in t.fields] if isinstance(t, RecordType) else [t.element] * t.size
         elements, k = [], 0

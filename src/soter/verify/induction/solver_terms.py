@@ -1,11 +1,11 @@
-"""Values of Soter as terms of the solver z3, exact or uninterpreted, and questions about them.
+"""Makes terms of the solver z3 for values of Soter, and asks the solver questions about them.
 
-Purpose: `SolverTerms` makes them. Bools, ints and enums are exact; an age is whole nanoseconds. All
-else (floats, lists, long arrays) is an element of one uninterpreted sort, and what is computed with
-it is an uninterpreted function of it: equal arguments give equal answers, and nothing else is
-known. So every run of the program is a model of the terms; not every model is a run. `Query` tries
-several ways of searching, each with a limit of work and in a context of its own, so that neither
-the machine's load nor earlier questions change a verdict.
+Purpose: `SolverTerms` makes the terms. Bools, ints and enums are exact; an age is whole
+nanoseconds. All other values (floats, lists, long arrays) are elements of one uninterpreted sort,
+and a result computed from them is an uninterpreted function: of equal arguments it gives equal
+results, and nothing else is known of it. So each run of the program is a model of the terms, but
+not each model is a run. `Query` searches in several ways, each with a limit of work and in a new
+context, so that neither the machine's load nor earlier questions change a verdict.
 Non-goals: statements (`step_terms.py`), time (`calendar.py`), which questions prove a module
 (`prove_or_refute.py`).
 """
@@ -30,7 +30,7 @@ from soter.language.model.types import (
     leaves,
 )
 from soter.language.model.values import Table
-from soter.version import pip_install
+from soter.version import pip_command
 from soter.workers.interruptible_solver import ask_solver
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 QUERY_WORK = 50_000_000
 """The limit for each way of searching, in z3's `rlimit` units: some five seconds of a free core."""
 QUERY_MS = 120_000
-"""A limit of time besides, as some loops of the solver do not count their work."""
+"""The limit of time for each way, in ms, as some loops of the solver do not count their work."""
 
 
 class Query:
@@ -101,9 +101,9 @@ Term = Any
 """A bool, int or float of Python if it is known, else a term of the solver or an `Age`; tuples of
 these for records and short arrays."""
 ARRAY_MAX = 16
-"""Longer arrays are one value of the uninterpreted sort."""
+"""The length above which an array is one value of the uninterpreted sort."""
 ELEMENTS_MAX = 8
-"""How many elements of a constant list the solver is told."""
+"""The number of elements of a constant list that the solver is told."""
 AGE_MAX = 2**63
 
 
@@ -115,11 +115,11 @@ class Age:
 
 
 def require_z3() -> Any:  # noqa: ANN401 - an untyped module
-    """The solver; SoterError D007 where the extra is not installed."""
+    """The module `z3`; `SoterError` D007 where that extra is not installed."""
     try:
         import z3  # noqa: PLC0415 - an extra
     except ImportError:
-        helps = (f"install it: {pip_install('prove')}",)
+        helps = (f"install it: {pip_command('prove')}",)
         missing = Diagnostic("D007", "induction needs the package `z3-solver`", helps=helps)
         raise SoterError((missing,)) from None
     return z3
@@ -143,25 +143,25 @@ def part_types(t: Type) -> list[Type]:
     return [t.element] * t.size
 
 
-def structure(t: Type) -> str:
-    """A type's structure as text; types with different texts have no value in common."""
+def structure_text(t: Type) -> str:
+    """The structure of a type as text; types with different texts have no value in common."""
     if isinstance(t, RecordType):
-        return "{" + ", ".join(f"{n}: {structure(f)}" for n, f in t.fields) + "}"
+        return "{" + ", ".join(f"{n}: {structure_text(f)}" for n, f in t.fields) + "}"
     if isinstance(t, ArrayType):
-        return f"{structure(t.element)}[{t.size}]"
+        return f"{structure_text(t.element)}[{t.size}]"
     if isinstance(t, ListType):
-        return f"{structure(t.element)}[<={t.capacity}]"
+        return f"{structure_text(t.element)}[<={t.capacity}]"
     return str(t)
 
 
-def is_whole(t: Type) -> bool:
+def is_integer(t: Type) -> bool:
     """Whether values of a type are integers of the solver."""
     return isinstance(t, (IntType, DurationType, EnumType))
 
 
 @dataclass
 class SolverTerms:
-    """Makes terms; `facts` are conditions that always hold, which every query gets."""
+    """Makes terms, and collects in `facts` conditions that always hold, for every query."""
 
     facts: list[Term] = field(default_factory=list)
 
@@ -172,7 +172,7 @@ class SolverTerms:
         self._constants: dict[tuple[Type, str], tuple[Value, Term]] = {}
         self._inside: dict[tuple[Type, object], tuple[Bounds, Term]] = {}
         self._made: list[tuple[Type, Term, list[tuple[Term, Type]]]] = []
-        self._told: set[tuple[str, int]] = set()
+        self._ranges_stated: set[tuple[str, int]] = set()
         self._opaque: dict[int, tuple[Term, bool]] = {}
 
     def all_of(self, *truths: Term) -> Term:
@@ -204,55 +204,55 @@ class SolverTerms:
         if truth is not True:
             self.facts.append(self.z3.BoolVal(False) if truth is False else truth)
 
-    def name(self, start: str) -> str:
+    def new_name(self, start: str) -> str:
         """A new name that begins with `start`."""
         self._count += 1
         return f"{start}!{self._count}"
 
     def unknown(self, t: Type, name: str, bounds: Bounds | None = None) -> Term:
-        """Gives an unknown value of a type, within `bounds` (one for each leaf) if given."""
+        """A term for an unknown value of a type, within `bounds` (one for each leaf) if given."""
         if is_tuple(t):
             return tuple(
-                self.unknown(part, f"{name}.{k}", own)
-                for k, (part, own) in enumerate(_parts_with_bounds(t, bounds))
+                self.unknown(part, f"{name}.{k}", bounds_)
+                for k, (part, bounds_) in enumerate(_parts_with_bounds(t, bounds))
             )
         if isinstance(t, BoolType):
-            return self.z3.Bool(self.name(name))
-        if is_whole(t):
-            term = self.z3.Int(self.name(name))
+            return self.z3.Bool(self.new_name(name))
+        if is_integer(t):
+            term = self.z3.Int(self.new_name(name))
             low, high = range_of(t, bounds)
             self.state(self.z3.And(low <= term, term <= high))
             return term
-        term = self.z3.Const(self.name(name), self.sort)
+        term = self.z3.Const(self.new_name(name), self.sort)
         if bounds is not None:
             self.state(self._publishable_predicate(t, bounds)(term))
         return term
 
     def unknown_int(self, name: str) -> Term:
-        """Gives a term for an unknown integer."""
-        return self.z3.Int(self.name(name))
+        """A term for an unknown integer."""
+        return self.z3.Int(self.new_name(name))
 
     def unknown_bool(self, name: str) -> Term:
-        """Gives a term for an unknown bool."""
-        return self.z3.Bool(self.name(name))
+        """A term for an unknown bool."""
+        return self.z3.Bool(self.new_name(name))
 
     def constant(self, t: Type, value: Value) -> Term:
         """The term of a constant."""
         if is_tuple(t):
             return tuple(self.constant(p, v) for p, v in zip(part_types(t), value, strict=True))
         if isinstance(t, (ListType, ArrayType)):
-            return self.lifted(t, value)
+            return self.sort_term(t, value)
         return value
 
-    def lifted(self, t: Type, value: Term) -> Term:
-        """A float, list or array as an element of the sort."""
+    def sort_term(self, t: Type, value: Term) -> Term:
+        """The term of a float, list or array as an element of the uninterpreted sort."""
         if isinstance(value, Age):
             return self.apply("seconds", [value.ns], FLOAT)
         if not isinstance(value, (float, int, tuple, Table)):  # of a table nothing is known
             return value
         key = (t, repr(value))
         if key not in self._constants:
-            term = self.z3.Const(f"{structure(t)} {value!r}", self.sort)
+            term = self.z3.Const(f"{structure_text(t)} {value!r}", self.sort)
             self._constants[key] = (value, term)
             for (of, _), (bounds, predicate) in self._inside.items():
                 if of == t:
@@ -268,7 +268,7 @@ class SolverTerms:
             element_term = self.apply("element", [term, self.z3.IntVal(k)], t.element)
             known = self.constant(t.element, element)
             pairs = zip(
-                self.flat(element_term, t.element), self.flat(known, t.element), strict=True
+                self.leaves(element_term, t.element), self.leaves(known, t.element), strict=True
             )
             self.state(self.all_of(*[a == b for a, b in pairs]))
 
@@ -277,10 +277,10 @@ class SolverTerms:
         return self.z3.Function("length", self.sort, self.z3.IntSort())(term)
 
     def _publishable_predicate(self, t: Type, bounds: Bounds) -> Term:
-        """The uninterpreted predicate that values of a type may be published with these bounds."""
+        """The uninterpreted predicate that a value of a type may be published in these bounds."""
         key = (t, tuple(None if b is None else (b.low, b.high) for b in bounds))
         if key not in self._inside:
-            name = f"may be published {structure(t)} {key[1]}"
+            name = f"may be published {structure_text(t)} {key[1]}"
             predicate = self.z3.Function(name, self.sort, self.z3.BoolSort())
             self._inside[key] = (bounds, predicate)
             for (of, _), (value, term) in list(self._constants.items()):
@@ -296,126 +296,131 @@ class SolverTerms:
     ) -> None:
         """States that a list may be published if and only if all of its elements may."""
         size = len(elements)
-        own = (
+        element_bounds = (
             [bounds] * size
             if isinstance(t, ListType)
             else [b for _, b in _parts_with_bounds(t, bounds)]
         )
-        passes = [self.may_publish(v, p, b or ()) for (v, p), b in zip(elements, own, strict=True)]
+        passes = [
+            self.may_publish(v, p, b or ())
+            for (v, p), b in zip(elements, element_bounds, strict=True)
+        ]
         self.state(claim == self.all_of(*passes))
 
-    def listed(self, t: Type, elements: list[tuple[Term, Type]]) -> Term:
-        """The term of a list or long array with these elements."""
+    def list_term(self, t: Type, elements: list[tuple[Term, Type]]) -> Term:
+        """The term of a list or long array with these elements, pairs of a term and its type."""
         if not elements:
-            return self.lifted(t, ())
-        parts = [x for v, p in elements for x in self.flat(v, p)]
-        list_term = self.apply(f"made {structure(t)} {len(elements)}", parts, t)
-        self._made.append((t, list_term, elements))
+            return self.sort_term(t, ())
+        parts = [x for v, p in elements for x in self.leaves(v, p)]
+        made = self.apply(f"made {structure_text(t)} {len(elements)}", parts, t)
+        self._made.append((t, made, elements))
         for (of, _), (bounds, predicate) in list(self._inside.items()):
             if of == t:
-                self._decide_made(predicate(list_term), t, elements, bounds)
+                self._decide_made(predicate(made), t, elements, bounds)
         if isinstance(t, ListType):
-            self.state(self.length(list_term) == len(elements))
-        return list_term
+            self.state(self.length(made) == len(elements))
+        return made
 
     def may_publish(self, value: Term, t: Type, bounds: Bounds) -> Term:
-        """The condition that the gate lets a value pass: finite and within its bounds."""
+        """The condition that the gate lets a value pass, as it is finite and within its bounds."""
         if is_tuple(t):
-            own = zip(value, _parts_with_bounds(t, bounds), strict=True)
-            return self.all_of(*[self.may_publish(v, p, b or ()) for v, (p, b) in own])
+            parts = zip(value, _parts_with_bounds(t, bounds), strict=True)
+            return self.all_of(*[self.may_publish(v, p, b or ()) for v, (p, b) in parts])
         if isinstance(t, (BoolType, EnumType)):
             return True
-        if is_whole(t):
+        if is_integer(t):
             low, high = range_of(t, bounds)
             return self.all_of(low <= value, value <= high)
         if isinstance(value, float):
             return passes_gate(value, t, bounds)
-        return self._publishable_predicate(t, bounds)(self.lifted(t, value))
+        return self._publishable_predicate(t, bounds)(self.sort_term(t, value))
 
-    def flat(self, value: Term, t: Type) -> list[Term]:
-        """The leaves of a value, as arguments of a function of the solver."""
+    def leaves(self, value: Term, t: Type) -> list[Term]:
+        """The terms of the leaves of a value, as arguments of a function of the solver."""
         if is_tuple(t):
             pairs = zip(value, part_types(t), strict=True)
-            return [x for v, p in pairs for x in self.flat(v, p)]
+            return [x for v, p in pairs for x in self.leaves(v, p)]
         if isinstance(t, BoolType):
             return [self.z3.BoolVal(value) if isinstance(value, bool) else value]
-        if is_whole(t):
+        if is_integer(t):
             return [self.z3.IntVal(value) if isinstance(value, int) else value]
-        return [self.lifted(t, value)]
+        return [self.sort_term(t, value)]
 
     def apply(self, name: str, arguments: list[Term], t: Type) -> Term:
-        """An uninterpreted function of some leaves, whose type's range becomes a fact."""
+        """The value of an uninterpreted function of some leaves; states the range of type `t`."""
         if is_tuple(t):
             return tuple(
                 self.apply(f"{name}.{k}", arguments, part) for k, part in enumerate(part_types(t))
             )
         sorts = [a.sort() for a in arguments]
         if isinstance(t, BoolType):
-            return self._function(name, sorts, self.z3.BoolSort())(*arguments)
-        if not is_whole(t):
-            return self._function(name, sorts, self.sort)(*arguments)
-        term = self._function(name, sorts, self.z3.IntSort())(*arguments)
+            return self._solver_function(name, sorts, self.z3.BoolSort())(*arguments)
+        if not is_integer(t):
+            return self._solver_function(name, sorts, self.sort)(*arguments)
+        term = self._solver_function(name, sorts, self.z3.IntSort())(*arguments)
         low, high = range_of(t, None)
-        if (name, term.get_id()) not in self._told:
-            self._told.add((name, term.get_id()))
+        if (name, term.get_id()) not in self._ranges_stated:
+            self._ranges_stated.add((name, term.get_id()))
             self.state(self.z3.And(low <= term, term <= high))
         return term
 
     def is_opaque(self, term: Term) -> bool:
-        """Whether a term depends on an uninterpreted function; names are not followed."""
+        """Whether a term depends on an uninterpreted function; named terms are not looked into."""
         if is_known(term):
             return False
         known = self._opaque.get(term.get_id())
         if known is None:
             declared = self.z3.Z3_OP_UNINTERPRETED
-            own = term.sort() == self.sort or (term.num_args() and term.decl().kind() == declared)
-            opaque = bool(own) or any(self.is_opaque(x) for x in term.children())
+            opaque = term.sort() == self.sort or (
+                term.num_args() and term.decl().kind() == declared
+            )
+            opaque = bool(opaque) or any(self.is_opaque(x) for x in term.children())
             known = self._opaque[term.get_id()] = term, opaque  # kept: ids are given again
         return known[1]
 
-    def _function(self, name: str, sorts: list[Term], result: Term) -> Term:
+    def _solver_function(self, name: str, sorts: list[Term], result: Term) -> Term:
         if not sorts:
             constant = self.z3.Const(name, result)
             return lambda: constant
         return self.z3.Function(f"{name}/{len(sorts)}", *sorts, result)
 
-    def chosen(self, condition: Term, then: Term, otherwise: Term, t: Type) -> Term:
-        """`condition ? then : otherwise`."""
+    def choice(self, condition: Term, then: Term, otherwise: Term, t: Type) -> Term:
+        """The term `condition ? then : otherwise`, of type `t`."""
         if isinstance(condition, bool):
             return then if condition else otherwise
         if is_tuple(t):
             triples = zip(then, otherwise, part_types(t), strict=True)
-            return tuple(self.chosen(condition, a, b, p) for a, b, p in triples)
+            return tuple(self.choice(condition, a, b, p) for a, b, p in triples)
         if then is otherwise or (
             is_known(then) and is_known(otherwise) and _is_same_value(then, otherwise)
         ):
             return then
         if isinstance(t, FloatType) and isinstance(then, Age) and isinstance(otherwise, Age):
             return Age(self.z3.If(condition, then.ns, otherwise.ns))
-        (a,), (b,) = self.flat(then, t), self.flat(otherwise, t)
+        (a,), (b,) = self.leaves(then, t), self.leaves(otherwise, t)
         return self.z3.If(condition, a, b)
 
-    def defined(self, value: Term, t: Type, name: str) -> Term:
-        """The value with new names in the place of its terms, so that terms stay small."""
+    def named_value(self, value: Term, t: Type, name: str) -> Term:
+        """The same value with a new constant for each of its terms, so that terms stay small."""
         if is_tuple(t):
             pairs = enumerate(zip(value, part_types(t), strict=True))
-            return tuple(self.defined(v, p, f"{name}.{k}") for k, (v, p) in pairs)
+            return tuple(self.named_value(v, p, f"{name}.{k}") for k, (v, p) in pairs)
         if is_known(value):
             return value
         if isinstance(value, Age):
-            return Age(self.constant_for(value.ns, name))
-        return self.constant_for(value, name)
+            return Age(self.new_constant_for(value.ns, name))
+        return self.new_constant_for(value, name)
 
-    def constant_for(self, term: Term, name: str) -> Term:
-        """Gives a new constant of the solver that equals a scalar term."""
+    def new_constant_for(self, term: Term, name: str) -> Term:
+        """A new constant of the solver that equals a scalar term; a simple term stays itself."""
         if is_known(term) or self.z3.is_const(term):
             return term
-        constant = self.z3.Const(self.name(name), term.sort())
+        constant = self.z3.Const(self.new_name(name), term.sort())
         self.facts.append(constant == term)
         return constant
 
-    def compare_age(self, op: str, ns: Term, limit: float) -> Term:
-        """`float(ns) / 1e9 op limit`, exactly: division and conversion are monotone."""
+    def age_condition(self, op: str, ns: Term, limit: float) -> Term:
+        """The condition `float(ns) / 1e9 op limit`; it is exact, as both steps are monotone."""
         if math.isnan(limit):
             return op == "!="
         reached, passed = _least_ns(limit, after=False), _least_ns(limit, after=True)
@@ -437,12 +442,12 @@ def _is_same_value(a: Term, b: Term) -> bool:
 
 
 def _least_ns(limit: float, *, after: bool) -> int:
-    """The least ns with float(ns) / 1e9 >= `limit`, or with `after` the least with > `limit`."""
+    """The least ns whose float(ns) / 1e9 is at least `limit`, or (`after`) is above it."""
     low, high = 0, AGE_MAX
     while low < high:
         middle = (low + high) // 2
-        there = float(middle) / 1e9
-        if (there > limit) if after else (there >= limit):
+        seconds = float(middle) / 1e9
+        if (seconds > limit) if after else (seconds >= limit):
             high = middle
         else:
             low = middle + 1
@@ -473,8 +478,8 @@ def range_of(t: Type, bounds: Bounds | None) -> tuple[int, int]:
 def passes_gate(value: Value, t: Type, bounds: Bounds) -> bool:
     """Whether the gate lets a known value pass."""
     if isinstance(t, (RecordType, ArrayType)):
-        own = zip(value, _parts_with_bounds(t, bounds), strict=True)
-        return all(passes_gate(v, p, b or ()) for v, (p, b) in own)
+        parts = zip(value, _parts_with_bounds(t, bounds), strict=True)
+        return all(passes_gate(v, p, b or ()) for v, (p, b) in parts)
     if isinstance(t, ListType):
         return all(passes_gate(v, t.element, bounds) for v in value)
     if isinstance(t, (BoolType, EnumType)):

@@ -1,9 +1,9 @@
-"""One step as terms of a solver: what it sees, what it publishes, and whether it faults.
+"""Makes terms of a solver for one step: what it reads and publishes, and whether it faults.
 
 Purpose: `Evaluation` executes Core with terms for values, and joins both ways of a branch by its
-condition; what terms cannot say exactly is an uninterpreted function of its operands. `State` is
-the state between clusters of steps, `StepEffect` what a step did, and `ClusterView` the view of a
-reader, for whom a topic holds what the last writer before it published, with its stamp.
+condition; a result that terms cannot give exactly is an uninterpreted function of its operands.
+`State` is the state between clusters of steps, `StepEffect` has the effects of a step, and
+`ClusterView` gives a reader the value and stamp that the last writer before it published.
 Non-goals: the walk (`core/execution.py`), when steps run (`transition_relation.py`).
 """
 
@@ -27,7 +27,7 @@ from soter.language.model.types import (
     ListType,
     RecordType,
 )
-from soter.verify.induction.solver_terms import Age, is_known, is_tuple, is_whole, part_types
+from soter.verify.induction.solver_terms import Age, is_integer, is_known, is_tuple, part_types
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -40,22 +40,22 @@ if TYPE_CHECKING:
 
 
 INLINE_MAX = 60
-"""The most statements of a function that is executed where it is called; else it is opaque."""
+"""A function with more statements is not executed where it is called, but uninterpreted."""
 SWAPPED = {">": "<", ">=": "<=", "<": ">", "<=": ">=", "==": "==", "!=": "!="}
 
 
 class Reads(Protocol):
     """The values that a step or predicate reads."""
 
-    def cell(self, cell: core.Cell, t: Type) -> Term:
+    def topic_value(self, cell: core.Cell, t: Type) -> Term:
         """The value of a topic."""
 
-    def fact(self, fact: core.Fact) -> Term:
+    def fact_value(self, fact: core.Fact) -> Term:
         """The value of `time`, `in_control`, a mode or an age."""
 
 
 class Evaluation(Execution["Term"]):
-    """Executes one step or one predicate; `fault`: the condition that it faults."""
+    """Executes one step or one predicate; `fault` is the condition that it surely faults."""
 
     def __init__(
         self, terms: SolverTerms, functions: Mapping[str, core.Function], reads: Reads
@@ -66,9 +66,9 @@ class Evaluation(Execution["Term"]):
         self.where = True
         self.fault: Term = False
         self.doubt: Term = False
-        """The condition of faults that depend on something uninterpreted: there may be none."""
+        """The condition of faults that depend on an uninterpreted function, and may be none."""
         self.uninterpreted: dict[str, None] = {}
-        """The names of the program's functions that were not executed."""
+        """The names of the program's functions that count as uninterpreted."""
 
     def _guard(self, condition: Term) -> None:
         self._add_fault(self.terms.negated(condition))
@@ -81,22 +81,22 @@ class Evaluation(Execution["Term"]):
             self.fault = self.terms.any_of(self.fault, fault)
 
     def _branch_condition(self, condition: Term) -> Term:
-        return self.terms.constant_for(condition, "if")
+        return self.terms.new_constant_for(condition, "if")
 
-    def _known(self, condition: Term) -> bool | None:
+    def _decided_truth(self, condition: Term) -> bool | None:
         return condition if isinstance(condition, bool) else None
 
-    def _reached(self, where: Term, condition: Term, truth: bool) -> Term:
+    def _where_in_side(self, where: Term, condition: Term, truth: bool) -> Term:
         return self.terms.all_of(where, condition if truth else self.terms.negated(condition))
 
-    def _join(self, condition: Term, *_: None) -> Join[Term]:
+    def _join_function(self, condition: Term, *_: None) -> Join[Term]:
         def join(a: Term, b: Term, t: Type) -> Term:
             a, b = (b if a is None else a), (a if b is None else b)
-            return self.terms.chosen(condition, a, b, t)
+            return self.terms.choice(condition, a, b, t)
 
         return join
 
-    def _choose(self, s: core.Choose) -> Term:
+    def _chosen_value(self, s: core.Choose) -> Term:
         terms = self.terms
         if isinstance(s.type, BoolType):
             value = terms.unknown_bool(s.name)
@@ -112,7 +112,7 @@ class Evaluation(Execution["Term"]):
         assert s.limit is None, "bursts are not followed"
         super()._publish(s, value)
 
-    def _checked(self, s: core.Checked, operands: list[Term], limit: Term) -> Term:
+    def _checked_value(self, s: core.Checked, operands: list[Term], limit: Term) -> Term:
         value, fault = self._value_and_fault(s, operands, limit)
         self._add_fault(fault)
         return value
@@ -126,7 +126,7 @@ class Evaluation(Execution["Term"]):
             assert isinstance(s.type, IntType)
             return v[0], terms.negated(terms.all_of(s.type.low <= v[0], v[0] <= s.type.high))
         if s.op == "to_int":
-            args = [terms.lifted(FLOAT, v[0])]
+            args = [terms.sort_term(FLOAT, v[0])]
             return terms.apply("to_int", args, INT), terms.apply("to_int faults", args, BOOL)
         if s.op == "number":
             return v[0], self._is_nan(v[0])
@@ -146,19 +146,19 @@ class Evaluation(Execution["Term"]):
         return value, terms.negated(terms.all_of(value >= INT_MIN, value <= INT_MAX))
 
     def _is_nan(self, value: Term) -> Term:
-        """The condition that a float is NaN: uninterpreted where its value is not known."""
+        """The condition that a float is NaN; it is uninterpreted if the value is not known."""
         if isinstance(value, Age):
             return False
         if isinstance(value, float):
             return value != value  # noqa: PLR0124
-        return self.terms.apply("is NaN", [self.terms.lifted(FLOAT, value)], BOOL)
+        return self.terms.apply("is NaN", [self.terms.sort_term(FLOAT, value)], BOOL)
 
     def _quotient(self, op: str, v: list[Term]) -> tuple[Term, Term]:
-        """Quotient or remainder, rounded towards zero, and its fault; opaque if the divisor is."""
+        """The quotient (rounded towards zero) or remainder, and the condition that it faults."""
         terms, z3 = self.terms, self.terms.z3
         a, b = v
         if not is_known(b):
-            operands = [x for y in v for x in terms.flat(y, INT)]
+            operands = [x for y in v for x in terms.leaves(y, INT)]
             over = terms.all_of(a == INT_MIN, b == -1)
             return terms.apply(op, operands, INT), terms.any_of(b == 0, over)
         if b == 0:
@@ -170,18 +170,18 @@ class Evaluation(Execution["Term"]):
         q = z3.If(a < 0, -size, size) if b > 0 else z3.If(a < 0, size, -size)
         return (q if op == "div" else a - q * b), (q > INT_MAX if op == "div" else False)
 
-    def call(self, f: core.Function, arguments: tuple[Term, ...]) -> Term:
+    def result_of(self, f: core.Function, arguments: tuple[Term, ...]) -> Term:
         """The result of a function; a long or extern one is uninterpreted."""
         terms = self.terms
         if f.result is not None and _statement_count(f.body) <= INLINE_MAX:
             where, fault, doubt = self.where, self.fault, self.doubt
             self.where, self.fault, self.doubt = True, False, False
-            value = super().call(f, arguments)
+            value = super().result_of(f, arguments)
             self.where, self.fault, inner = where, fault, self.fault
             self.doubt = terms.any_of(doubt, terms.all_of(where, self.doubt))
         else:
             pairs = zip(arguments, f.parameters, strict=True)
-            operands = [x for a, p in pairs for x in terms.flat(a, p.type)]
+            operands = [x for a, p in pairs for x in terms.leaves(a, p.type)]
             name = f"fun {f.name}"
             value = terms.apply(f"fun {f.meaning or f.name}", operands, f.result_type)
             inner = terms.apply(f"{name} faults", operands, BOOL) if f.can_fault else False
@@ -189,76 +189,78 @@ class Evaluation(Execution["Term"]):
         self._add_fault(inner)
         return value
 
-    def _changed(self, s: core.Set | core.Push, old: Term, path: list[Term], value: Term) -> Term:
+    def _with_part(self, s: core.Set | core.Push, old: Term, path: list[Term], value: Term) -> Term:
         t = s.value.type
         if isinstance(s, core.Push):
-            value, t = self._pushed(s, *self._at(old, s.type, path), value)
-        return self._with(old, s.type, path, value, t)
+            value, t = self._list_after_push(s, *self._nested_part(old, s.type, path), value)
+        return self._with_new_part(old, s.type, path, value, t)
 
-    def _pushed(self, s: core.Push, old: Term, t: Type, value: Term) -> tuple[Term, Type]:
+    def _list_after_push(self, s: core.Push, old: Term, t: Type, value: Term) -> tuple[Term, Type]:
         terms = self.terms
         assert isinstance(t, ListType)
-        self._add_fault(terms.length(terms.lifted(t, old)) >= t.capacity)
-        operands = [terms.lifted(t, old), *terms.flat(value, s.value.type)]
+        self._add_fault(terms.length(terms.sort_term(t, old)) >= t.capacity)
+        operands = [terms.sort_term(t, old), *terms.leaves(value, s.value.type)]
         return terms.apply("push", operands, t), t
 
-    def _at(self, value: Term, t: Type, steps: Sequence[Term]) -> tuple[Term, Type]:
+    def _nested_part(self, value: Term, t: Type, steps: Sequence[Term]) -> tuple[Term, Type]:
         for step in steps:
-            value, t = self._part(value, t, step)
+            value, t = self._part_at(value, t, step)
         return value, t
 
-    def _part(self, value: Term, t: Type, index: Term) -> tuple[Term, Type]:
-        """A field or element of a value, with its type; an index out of range takes an end."""
+    def _part_at(self, value: Term, t: Type, index: Term) -> tuple[Term, Type]:
+        """The field or element of a value at an index, and its type; beyond an end, that end."""
         terms = self.terms
         if isinstance(t, RecordType):
             return value[index], t.fields[index][1]
         assert isinstance(t, (ArrayType, ListType))
         if not is_tuple(t):
-            operands = [terms.lifted(t, value), *terms.flat(index, INT)]
+            operands = [terms.sort_term(t, value), *terms.leaves(index, INT)]
             return terms.apply("element", operands, t.element), t.element
         if isinstance(index, int):
             return value[min(max(index, 0), len(value) - 1)], t.element
         element = value[-1]
         for k in range(len(value) - 2, -1, -1):
-            element = terms.chosen(index == k, value[k], element, t.element)
+            element = terms.choice(index == k, value[k], element, t.element)
         return element, t.element
 
-    def _with(self, old: Term, t: Type, steps: Sequence[Term], new: Term, of: Type) -> Term:
-        """The value `old` with the part at `steps` replaced by `new`."""
+    def _with_new_part(
+        self, old: Term, t: Type, steps: Sequence[Term], new: Term, of: Type
+    ) -> Term:
+        """A copy of `old` (of type `t`) with `new` (of type `of`) as the part at `steps`."""
         if not steps:
             return new
         terms, (index, *rest) = self.terms, steps
         if not is_tuple(t):
-            operands = [terms.lifted(t, old), *terms.flat(new, of)]
-            where = [x for s in steps for x in terms.flat(s, INT)]
+            operands = [terms.sort_term(t, old), *terms.leaves(new, of)]
+            where = [x for s in steps for x in terms.leaves(s, INT)]
             return terms.apply("replaced", [*operands, *where], t)
         changed = []
         for k, (value, part) in enumerate(zip(old, part_types(t), strict=True)):
             if isinstance(index, int) and index != k:
                 changed.append(value)
                 continue
-            replaced = self._with(value, part, rest, new, of)
+            replaced = self._with_new_part(value, part, rest, new, of)
             here = True if isinstance(index, int) else index == k
-            changed.append(terms.chosen(here, replaced, value, part))
+            changed.append(terms.choice(here, replaced, value, part))
         return tuple(changed)
 
-    def _operation(self, e: core.Expr, *operands: Term) -> Term:
+    def _operation_value(self, e: core.Expr, *operands: Term) -> Term:
         terms = self.terms
         if isinstance(e, core.Const):
             return terms.constant(e.type, e.value)
         if isinstance(e, core.Get):
-            return self.reads.cell(e.cell, e.type)
+            return self.reads.topic_value(e.cell, e.type)
         if isinstance(e, core.Fact):
-            return self.reads.fact(e)
+            return self.reads.fact_value(e)
         if isinstance(e, core.Select):
-            return terms.chosen(operands[0], operands[1], operands[2], e.type)
+            return terms.choice(operands[0], operands[1], operands[2], e.type)
         if isinstance(e, core.Field):
             return operands[0][e.index]
         if isinstance(e, core.Element):
             target, index = operands
-            return self._part(target, e.target.type, index)[0]
+            return self._part_at(target, e.target.type, index)[0]
         if isinstance(e, core.Length):
-            return terms.length(terms.lifted(e.target.type, *operands))
+            return terms.length(terms.sort_term(e.target.type, *operands))
         if isinstance(e, core.Unary):
             return self._unary(e, *operands)
         if isinstance(e, core.Extreme):
@@ -269,7 +271,7 @@ class Evaluation(Execution["Term"]):
         if is_tuple(e.type):
             return operands
         types = [part.type for part in e.elements]
-        return terms.listed(e.type, list(zip(operands, types, strict=True)))
+        return terms.list_term(e.type, list(zip(operands, types, strict=True)))
 
     def _unary(self, e: core.Unary, operand: Term) -> Term:
         if e.op == "not":
@@ -277,13 +279,13 @@ class Evaluation(Execution["Term"]):
         if isinstance(operand, (int, float)) and e.op in ("to_float", "neg", "abs"):
             known = float(operand)
             return known if e.op == "to_float" else -known if e.op == "neg" else abs(known)
-        return self.terms.apply(e.op, self.terms.flat(operand, e.operand.type), e.type)
+        return self.terms.apply(e.op, self.terms.leaves(operand, e.operand.type), e.type)
 
     def _extreme(self, e: core.Extreme, a: Term, b: Term) -> Term:
-        if is_whole(e.type) or (isinstance(a, float) and isinstance(b, float)):
+        if is_integer(e.type) or (isinstance(a, float) and isinstance(b, float)):
             second = b < a if e.op == "min" else b > a
-            return self.terms.chosen(second, b, a, e.type)
-        operands = [*self.terms.flat(a, e.left.type), *self.terms.flat(b, e.right.type)]
+            return self.terms.choice(second, b, a, e.type)
+        operands = [*self.terms.leaves(a, e.left.type), *self.terms.leaves(b, e.right.type)]
         return self.terms.apply(e.op, operands, e.type)
 
     def _binary(self, e: core.Binary, a: Term, b: Term) -> Term:
@@ -293,35 +295,35 @@ class Evaluation(Execution["Term"]):
             return terms.all_of(a, b)
         if e.op == "||":
             return terms.any_of(a, b)
-        if isinstance(t, BoolType) or is_whole(t):
+        if isinstance(t, BoolType) or is_integer(t):
             return _comparison(terms, e.op, a, b)
         assert isinstance(t, FloatType), t
         if not isinstance(e.type, BoolType):
-            return self._float(e.op, a, b)
-        return self._floats_compared(e.op, a, b)
+            return self._float_operation(e.op, a, b)
+        return self._float_comparison(e.op, a, b)
 
-    def _float(self, op: str, a: Term, b: Term) -> Term:
+    def _float_operation(self, op: str, a: Term, b: Term) -> Term:
         if isinstance(a, float) and isinstance(b, float):
             if op == "/" and b != 0.0:
                 return a / b
             if op != "/":
                 return a + b if op == "+" else a - b if op == "-" else a * b
-        operands = [self.terms.lifted(FLOAT, a), self.terms.lifted(FLOAT, b)]
+        operands = [self.terms.sort_term(FLOAT, a), self.terms.sort_term(FLOAT, b)]
         return self.terms.apply(f"float {op}", operands, FLOAT)
 
-    def _floats_compared(self, op: str, a: Term, b: Term) -> Term:
+    def _float_comparison(self, op: str, a: Term, b: Term) -> Term:
         terms = self.terms
         if isinstance(a, float) and isinstance(b, float):
             return _comparison(terms, op, a, b)
         if isinstance(a, Age) and isinstance(b, float):
-            return terms.compare_age(op, a.ns, b)
+            return terms.age_condition(op, a.ns, b)
         if isinstance(a, float) and isinstance(b, Age):
-            return terms.compare_age(SWAPPED[op], b.ns, a)
+            return terms.age_condition(SWAPPED[op], b.ns, a)
         if op == "!=":
-            return terms.negated(self._floats_compared("==", a, b))
+            return terms.negated(self._float_comparison("==", a, b))
         if op in (">", ">="):
             a, b, op = b, a, SWAPPED[op]
-        operands = [terms.lifted(FLOAT, a), terms.lifted(FLOAT, b)]
+        operands = [terms.sort_term(FLOAT, a), terms.sort_term(FLOAT, b)]
         return terms.apply(f"float {op}", operands, BOOL)
 
 
@@ -334,7 +336,7 @@ def _comparison(terms: SolverTerms, op: str, a: Term, b: Term) -> Term:
 
 
 def _statement_count(statements: Sequence[core.Stmt]) -> int:
-    """The number of statements, with loops unrolled."""
+    """The number of statements when loops are unrolled."""
     count = 0
     for s in statements:
         count += 1
@@ -351,7 +353,7 @@ NEVER = -(2**62)
 
 @dataclass
 class State:
-    """The state between two clusters: topics as (value, stamp), locals, the mode."""
+    """The state between two clusters: (value, stamp) of each topic, the locals, the mode."""
 
     topics: dict[int, tuple[Term, Term]]
     locals: dict[tuple[int, str], Term]
@@ -359,29 +361,29 @@ class State:
     had_control: dict[int, Term] = field(default_factory=dict)
     """Whether SC had control at its last step, by component; used by `on takeover`."""
     latched: dict[int, Term] = field(default_factory=dict)
-    """Whether a component has faulted; False where a fault fails the proof."""
+    """Whether a component has faulted before; False where any fault fails the proof."""
 
 
 @dataclass(eq=False)
 class StepEffect:
-    """The effects of a step: topics as (whether published, value), and the mode if it is a DM's."""
+    """The effects of a step: (whether published, value) of topics; of a DM the mode after it."""
 
     step: CalendarStep
     published: dict[int, tuple[Term, Term]] = field(default_factory=dict)
     mode: Term | None = None
     before: Term | None = None
-    """The mode that a DM found."""
+    """The mode before a step of the DM."""
     fault: Term = False
     doubt: Term = False
-    """Whether it faults by something uninterpreted, so that perhaps it does not."""
+    """The condition of faults that depend on an uninterpreted function, and may be none."""
 
 
 @dataclass(frozen=True)
 class JudgedInstant:
-    """An instant at which claims are judged, if `counts`: `at`, in [earliest, latest], in ns.
+    """The instant `at`, in [earliest, latest] in ns, at which claims are judged if `counts` holds.
 
-    `holds`: that no step faulted, that `safe` holds, then each lemma; `later`: that `safe` goes on
-    holding until something else happens, which ages may change.
+    `holds`: the conditions that no step faulted, that `safe` holds, and that each lemma does.
+    `later`: the condition that `safe` holds until the next effect, while ages grow.
     """
 
     counts: Term
@@ -392,7 +394,7 @@ class JudgedInstant:
     later: Term
     component: int
     progress: Term = True
-    """The condition that what P2b takes for granted (`progress`) holds then."""
+    """The condition that the assumptions of P2b in `progress` hold then."""
 
 
 class StepSurroundings(Protocol):
@@ -409,17 +411,17 @@ class StepSurroundings(Protocol):
 class Order(Protocol):
     """The steps around a view, as far as a view needs them: `transition_relation.Cluster`."""
 
-    def last(
-        self, index: int, old: tuple[Term, Term], point: Point | None, own: CalendarStep | None
+    def topic_at(
+        self, index: int, old: tuple[Term, Term], point: Point | None, step: CalendarStep | None
     ) -> tuple[Term, Term]:
-        """Value and stamp of a topic after its last publication before a point."""
+        """The value and stamp of a topic after its last publication before a point."""
 
-    def mode(self, old: Term, point: Point | None, own: CalendarStep | None) -> Term:
+    def mode_at(self, old: Term, point: Point | None, step: CalendarStep | None) -> Term:
         """The mode after the last decision before a point."""
 
 
 class ClusterView:
-    """A reader's view at a point of a cluster, with the effects of its `own` step, if any."""
+    """The view of a reader at a point of a cluster; the reader sees its own `step`, if any."""
 
     def __init__(
         self,
@@ -427,16 +429,16 @@ class ClusterView:
         cluster: Order | None,
         now: Term,
         point: Point | None = None,
-        own: CalendarStep | None = None,
+        step: CalendarStep | None = None,
         *,
         enabled: Term = True,
     ) -> None:
-        self.span, self.cluster, self.now, self.point, self.own = span, cluster, now, point, own
+        self.span, self.cluster, self.now, self.point, self.step = span, cluster, now, point, step
         self.enabled = enabled
         self._known: dict[int, tuple[Term, Term]] = {}
 
-    def cell(self, cell: core.Cell, t: Type) -> Term:
-        """The value of a topic; if no node of the relation publishes it, any value of its set."""
+    def topic_value(self, cell: core.Cell, t: Type) -> Term:
+        """The value of a topic; unknown within its set if no node of the relation publishes it."""
         assert cell.kind == "topic", cell
         if cell.owner in self.span.constant_topics:
             return self.span.constant_topics[cell.owner]
@@ -444,21 +446,21 @@ class ClusterView:
             topic = self.span.problem.system.topics[cell.owner]
             bounds = topic.bounds if topic.queue_of is None else None
             return self.span.terms.unknown(t, topic.name, bounds)
-        return self.topic(cell.owner)[0]
+        return self.value_and_stamp(cell.owner)[0]
 
-    def topic(self, index: int) -> tuple[Term, Term]:
+    def value_and_stamp(self, index: int) -> tuple[Term, Term]:
         """The value and the stamp of a topic that the relation publishes."""
         if index not in self._known:
             publication = self.span.state.topics[index]
             if self.cluster is not None:
-                publication = self.cluster.last(index, publication, self.point, self.own)
+                publication = self.cluster.topic_at(index, publication, self.point, self.step)
             self._known[index] = publication
         return self._known[index]
 
     def stamp(self, index: int) -> Term:
-        """The stamp of a topic; any stamp until now, if no node of the relation publishes it."""
+        """The stamp of a topic; an unknown past one if no node of the relation publishes it."""
         if index in self.span.writers:
-            return self.topic(index)[1]
+            return self.value_and_stamp(index)[1]
         terms = self.span.terms
         stamp = terms.unknown_int("stamp")
         terms.state(stamp <= self.now)
@@ -467,10 +469,10 @@ class ClusterView:
     def mode(self) -> Term:
         """The mode of the module."""
         mode = self.span.state.mode
-        return mode if self.cluster is None else self.cluster.mode(mode, self.point, self.own)
+        return mode if self.cluster is None else self.cluster.mode_at(mode, self.point, self.step)
 
-    def fact(self, fact: core.Fact) -> Term:
-        """The value of a mode, an age or `in_control`; `time` has any value."""
+    def fact_value(self, fact: core.Fact) -> Term:
+        """The value of a mode, an age or `in_control`; of `time` an unknown one."""
         if fact.fact == "mode":
             return self.mode()
         if fact.fact == "in_control":

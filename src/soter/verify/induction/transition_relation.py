@@ -1,10 +1,10 @@
-"""The transition relation of an induction: all that may happen in a span of time, as terms.
+"""Makes the transition relation of an induction: terms for all runs of a span of time.
 
 Purpose: a `TimeSpan` is the span [0, end) from the start of a run, or from any state. It makes
 terms for the effects of all its steps, in every order that their windows allow (`calendar.py`), and
-for what is judged at each instant: whether `safe` and the lemmas hold and no step faulted. A
-`Cluster` does so for steps whose windows overlap. There is no state between the steps of a cluster:
-what a step reads is the value of the last writer before it, by the order of steps.
+for the claims at each instant: that `safe` and the lemmas hold and no step faulted. A `Cluster`
+does so for steps whose windows overlap. There is no state between the steps of a cluster: a step
+reads the value of the last writer before it, by the order of steps.
 Non-goals: the Core of one step (`step_terms.py`); proving anything (`prove_or_refute.py`).
 """
 
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from soter.core import core
 from soter.core.core_walks import walk
-from soter.language.model.system import queues_of
+from soter.language.model.system import queues_read_by
 from soter.language.model.types import BOOL, MODE
 from soter.verify.induction.calendar import calendar_steps, groups_apart_in_time, is_before
 from soter.verify.induction.step_terms import (
@@ -43,11 +43,10 @@ if TYPE_CHECKING:
 class TimeSpan:
     """The span of time [0, end) in ns, of a run (`first`) or of any hyperperiod from any state.
 
-    `returning` adds what P2b takes for granted: the DM's reads are fresh, the gate has latched no
-    fault and waits for no clean output, topics of nodes that hear plants or other modules are
-    constant, and modules whose mode `safer` reads are in AC. `stays`: the mode is SC throughout.
-    `latching`: a step whose fault depends on something uninterpreted latches its node
-    (semantics.md).
+    `returning` adds the assumptions of P2b: the DM's reads are fresh, the gate has latched no fault
+    and waits for no clean output, topics of nodes that hear plants or other modules are constant,
+    and modules whose mode `safer` reads are in AC. `stays`: the mode is SC throughout. `latching`:
+    a step whose fault depends on something uninterpreted latches its node (semantics.md).
     """
 
     def __init__(
@@ -64,7 +63,7 @@ class TimeSpan:
         self.problem, self.terms, self.end = problem, terms, end
         self.returning, self.stays, self.latching = returning, stays, latching
         self.functions = {f.name: f for f in problem.core.functions}
-        self.writers = sorted({t for own in problem.outputs.values() for t in own})
+        self.writers = sorted({t for topics in problem.outputs.values() for t in topics})
         self.constant_topics: dict[int, Term] = {}
         if returning:
             self.constant_topics = {i: self._any_value(i) for i in problem.heard}
@@ -85,7 +84,7 @@ class TimeSpan:
         next_block = min(c.phase % c.period for c in problem.clocks)
         for k, group in enumerate(groups):
             after = groups[k + 1][0].start.earliest if k + 1 < len(groups) else end + next_block
-            Cluster(self, group, after).run()
+            Cluster(self, group, after).define_effects()
 
     def _initial_state(self) -> State:
         system, terms = self.problem.system, self.terms
@@ -126,18 +125,20 @@ class TimeSpan:
 
     def _judge_start(self) -> None:
         view = ClusterView(self, None, 0)
-        holds = (True, *self.claims_at(view))
+        holds = (True, *self.claim_conditions(view))
         self.judged.append(
             JudgedInstant(True, 0, 0, 0, holds, holds[1], self.problem.clocks[0].component)
         )
 
-    def claims_at(self, view: ClusterView) -> tuple[Term, ...]:
-        """The conditions that `safe` and each lemma hold; one that faults does not hold."""
+    def claim_conditions(self, view: ClusterView) -> tuple[Term, ...]:
+        """The conditions that `safe` and each lemma hold; a predicate that faults does not hold."""
         problem = self.problem
-        return tuple(self.predicate(p, view, fault=False) for p in (problem.safe, *problem.lemmas))
+        return tuple(
+            self.condition_of(p, view, fault=False) for p in (problem.safe, *problem.lemmas)
+        )
 
-    def predicate(self, p: core.Predicate, view: ClusterView, *, fault: bool) -> Term:
-        """The condition that a predicate holds; `fault`: its value where it faults."""
+    def condition_of(self, p: core.Predicate, view: ClusterView, *, fault: bool) -> Term:
+        """The condition that a predicate holds; `fault`: the value that it has where it faults."""
         evaluation = Evaluation(self.terms, self.functions, view)
         evaluation.run(p.body)
         value = evaluation.expr(p.value)
@@ -148,9 +149,9 @@ class TimeSpan:
 
 
 class Cluster:
-    """Steps whose windows overlap; the effect of each is a term of what those before it did.
+    """Steps whose windows overlap; the effect of each is a term over the effects before it.
 
-    `after`: the earliest time in ns at which a step behind the cluster may start.
+    `after`: the earliest time in ns at which a step after the cluster may start.
     """
 
     def __init__(self, span: TimeSpan, steps: list[CalendarStep], after: int) -> None:
@@ -159,8 +160,8 @@ class Cluster:
         self.locals = dict(span.state.locals)
         self.had_control, self.latched = dict(span.state.had_control), dict(span.state.latched)
 
-    def run(self) -> None:
-        """Defines each step's effects, judges the instants, and makes the state behind them."""
+    def define_effects(self) -> None:
+        """Defines the effects of all steps, judges the instants, and makes the state after them."""
         raise_if_interrupted()
         for effect in self.effects:
             self._define_effect(effect)
@@ -168,27 +169,27 @@ class Cluster:
         span, terms = self.span, self.terms
         topics = {}
         for index, old in span.state.topics.items():
-            value, stamp = self.last(index, old, None, None)
+            value, stamp = self.topic_at(index, old, None, None)
             topic = span.problem.system.topics[index]
             topics[index] = (
-                terms.defined(value, topic.type, topic.name),
-                terms.constant_for(stamp, "stamp"),
+                terms.named_value(value, topic.type, topic.name),
+                terms.new_constant_for(stamp, "stamp"),
             )
-        mode = terms.constant_for(self.mode(span.state.mode, None, None), "mode")
+        mode = terms.new_constant_for(self.mode_at(span.state.mode, None, None), "mode")
         span.state = State(topics, self.locals, mode, self.had_control, self.latched)
         span.effects += self.effects
 
-    def last(
-        self, index: int, old: tuple[Term, Term], point: Point | None, own: CalendarStep | None
+    def topic_at(
+        self, index: int, old: tuple[Term, Term], point: Point | None, own_step: CalendarStep | None
     ) -> tuple[Term, Term]:
-        """Value and stamp of a topic at a point, after step `own`; None: at the cluster's end."""
+        """The value and stamp of a topic at a point (None: the end), as `own_step` reads it."""
         terms = self.terms
         topic_type = self.span.problem.system.topics[index].type
         seen = [
             (effect, is_seen, *effect.published[index])
             for effect in self.effects
             if index in effect.published
-            and (is_seen := self._is_seen_at(effect, point, own)) is not False
+            and (is_seen := self._is_effect_seen_at(effect, point, own_step)) is not False
         ]
         publications = [
             (effect.step.effect, terms.all_of(is_seen, published), new)
@@ -202,29 +203,29 @@ class Cluster:
                 if other is not place
             ]
             is_last = terms.all_of(counts, terms.negated(terms.any_of(*later)))
-            value = terms.chosen(is_last, new, value, topic_type)
+            value = terms.choice(is_last, new, value, topic_type)
             stamp = integer_if(terms, is_last, place.at, stamp)
         return value, stamp
 
-    def mode(self, old: Term, point: Point | None, own: CalendarStep | None) -> Term:
+    def mode_at(self, old: Term, point: Point | None, own_step: CalendarStep | None) -> Term:
         """The mode after the last decision before a point, or at the cluster's end (None)."""
         mode = old
         for effect in self.effects:  # decisions of one DM are in order
             if effect.mode is not None:
-                is_seen = self._is_seen_at(effect, point, own)
+                is_seen = self._is_effect_seen_at(effect, point, own_step)
                 mode = integer_if(self.terms, is_seen, effect.mode, mode)
         return mode
 
-    def _is_seen_at(
-        self, effect: StepEffect, point: Point | None, own: CalendarStep | None
+    def _is_effect_seen_at(
+        self, effect: StepEffect, point: Point | None, own_step: CalendarStep | None
     ) -> Term:
-        """The condition that a step's effect is seen at a point; its own step sees it at once."""
-        if point is None or effect.step is own:
+        """The condition that an effect is seen at a point; the step itself sees it at once."""
+        if point is None or effect.step is own_step:
             return True
         return is_before(self.terms, effect.step.effect, point)
 
     def _unknown_effect(self, step: CalendarStep) -> StepEffect:
-        """A step with unknowns for its effects: readers may come before it is defined."""
+        """Unknown terms for the effects of a step: others may read them before they are defined."""
         span, terms = self.span, self.terms
         component = span.problem.system.components[step.component]
         effect = StepEffect(step)
@@ -242,25 +243,25 @@ class Cluster:
         return effect
 
     def _define_effect(self, effect: StepEffect) -> None:
-        """States the effects of a step, by the role of its component."""
+        """States how the effects of a step depend on its reads, by the role of its component."""
         component = self.span.problem.system.components[effect.step.component]
         if effect.step.begun:
-            self._havoc_locals(component.index)
+            self._forget_locals(component.index)
         elif component.role == "dm":
-            self._decide(effect)
+            self._define_mode(effect)
         elif component.role == "ac":
             self._state_gate(effect, dict.fromkeys(effect.published, True))
         else:
-            self._compute(effect)
+            self._define_publications(effect)
 
-    def _decide(self, effect: StepEffect) -> None:
-        """Defines the mode after a step of the DM, from what it reads and the mode it finds."""
+    def _define_mode(self, effect: StepEffect) -> None:
+        """Defines the mode after a step of the DM by its reads and the mode before."""
         span, terms = self.span, self.terms
         step, problem = effect.step, span.problem
         view = ClusterView(span, self, step.start.at, step.start)
         decision = problem.core.decisions[problem.module.index]
-        ttf = span.predicate(decision.ttf, view, fault=True)
-        safer = span.predicate(decision.safer, view, fault=False)
+        ttf = span.condition_of(decision.ttf, view, fault=True)
+        safer = span.condition_of(decision.safer, view, fault=False)
         stale = terms.any_of(
             *[
                 step.start.at - view.stamp(i) > limit
@@ -278,15 +279,15 @@ class Cluster:
         from_sc = integer_if(terms, enters, AC, SC)
         terms.state(effect.mode == integer_if(terms, effect.before == AC, from_ac, from_sc))
 
-    def _compute(self, effect: StepEffect) -> None:
-        """Defines the effects of a step of SC or a node by its Core, from what it reads."""
+    def _define_publications(self, effect: StepEffect) -> None:
+        """Defines what a step of SC or of a node publishes, and its faults, by the step's Core."""
         span, terms = self.span, self.terms
         step, system = effect.step, span.problem.system
         component = system.components[step.component]
         code = span.problem.core.nodes[component.index]
         enabled = self._is_enabled(effect, step.start)
         view = ClusterView(span, self, step.start.at, step.start, enabled=enabled)
-        evaluation = self._evaluated(component, code, view)
+        evaluation = self._evaluation_of_step(component, code, view)
         fault, doubt = evaluation.fault, evaluation.doubt
         wanted, values = {}, {}
         for k, output in enumerate(code.outputs):
@@ -301,26 +302,26 @@ class Cluster:
             else:
                 fault = terms.any_of(fault, refused)
             values[output.topic] = (value, t, terms.all_of(flag, passes))
-        for q in queues_of(system, component):
+        for q in queues_read_by(system, component):
             if system.topics[q].policy == "fault":
                 fault = terms.any_of(fault, terms.unknown_bool("queue lost a value"))
-        effect.fault = terms.constant_for(fault, "fault")
-        effect.doubt = terms.constant_for(doubt, "doubt")
-        runs = self._latch(component, effect) if span.latching else True
+        effect.fault = terms.new_constant_for(fault, "fault")
+        effect.doubt = terms.new_constant_for(doubt, "doubt")
+        runs = self._latch_after_fault(component, effect) if span.latching else True
         for index, (value, t, passed) in values.items():
             self._assert_equal(effect.published[index][1], value, t, terms.all_of(passed, runs))
         self._store_locals(component, code, evaluation, runs)
         if code.takeover:
-            had_control = terms.chosen(runs, enabled, self.had_control[component.index], BOOL)
-            self.had_control[component.index] = terms.constant_for(had_control, "had control")
+            had_control = terms.choice(runs, enabled, self.had_control[component.index], BOOL)
+            self.had_control[component.index] = terms.new_constant_for(had_control, "had control")
         if runs is not True:
-            wanted = self._failsafe(component, effect, runs, wanted)
+            wanted = self._state_failsafe(component, effect, runs, wanted)
         self._state_gate(effect, wanted)
 
-    def _evaluated(
+    def _evaluation_of_step(
         self, component: Component, code: core.NodeStep, view: ClusterView
     ) -> Evaluation:
-        """The execution of a step by its Core, with `on takeover` where it takes control over."""
+        """The executed Core of a step, after `on takeover` where the component takes control."""
         terms, span = self.terms, self.span
         evaluation = Evaluation(terms, span.functions, view)
         for copy in code.locals:
@@ -335,25 +336,25 @@ class Cluster:
     def _store_locals(
         self, component: Component, code: core.NodeStep, evaluation: Evaluation, runs: Term
     ) -> None:
-        """Keeps the locals that a step leaves behind, if it `runs`."""
+        """Stores the locals after a step; they change only under the condition `runs`."""
         terms = self.terms
         for copy in code.locals:
             key = component.index, copy.cell.name
             after = evaluation.frame.variables[copy.name]
-            value = terms.chosen(runs, after, self.locals[key], copy.type)
-            self.locals[key] = terms.defined(value, copy.type, copy.name)
+            value = terms.choice(runs, after, self.locals[key], copy.type)
+            self.locals[key] = terms.named_value(value, copy.type, copy.name)
 
-    def _latch(self, component: Component, effect: StepEffect) -> Term:
-        """The condition that the step runs to its end: a node that has faulted stays silent."""
+    def _latch_after_fault(self, component: Component, effect: StepEffect) -> Term:
+        """Latches a node that faults; gives the condition that its step runs to the end."""
         terms = self.terms
         bad = terms.any_of(self.latched[component.index], effect.fault, effect.doubt)
-        self.latched[component.index] = bad = terms.constant_for(bad, "latched")
+        self.latched[component.index] = bad = terms.new_constant_for(bad, "latched")
         return terms.negated(bad)
 
-    def _failsafe(
+    def _state_failsafe(
         self, component: Component, effect: StepEffect, runs: Term, wanted: Mapping[int, Term]
     ) -> dict[int, Term]:
-        """States the fail-safe values of a latched node; gives when a step publishes each topic."""
+        """States the fail-safe values of a latched node; gives when topics are then published."""
         terms, condition_by_topic = self.terms, {}
         for index, is_wanted in wanted.items():
             falls_back = index in component.failsafe
@@ -361,14 +362,14 @@ class Cluster:
                 t = self.span.problem.system.topics[index].type
                 value = terms.constant(t, component.failsafe[index])
                 self._assert_equal(effect.published[index][1], value, t, terms.negated(runs))
-            condition_by_topic[index] = terms.chosen(runs, is_wanted, falls_back, BOOL)
+            condition_by_topic[index] = terms.choice(runs, is_wanted, falls_back, BOOL)
         return condition_by_topic
 
     def _state_gate(self, effect: StepEffect, wanted: Mapping[int, Term]) -> None:
         """States which of the `wanted` publications pass the gate.
 
-        They do if the component is in control from start to effect, and may if it is at one of
-        these; AC may leave out any.
+        They pass if the component is in control at the start and at the effect of the step, and may
+        pass if it is in control at one of these; AC may leave out any publication.
         """
         terms = self.terms
         component = self.span.problem.system.components[effect.step.component]
@@ -384,7 +385,7 @@ class Cluster:
                 terms.state(terms.z3.Implies(must_pass, passes))
 
     def _is_enabled(self, effect: StepEffect, point: Point) -> Term:
-        """The condition that the step's component is in control at a point; nodes always are."""
+        """The condition that the component of a step has control at a point; a node always has."""
         component = self.span.problem.system.components[effect.step.component]
         if component.role == "node":
             return True
@@ -394,11 +395,11 @@ class Cluster:
     def _assert_equal(self, name: Term, value: Term, t: Type, where: Term) -> None:
         """States that `name` has this value where the condition `where` holds."""
         terms = self.terms
-        for a, b in zip(terms.flat(name, t), terms.flat(value, t), strict=True):
+        for a, b in zip(terms.leaves(name, t), terms.leaves(value, t), strict=True):
             terms.state(terms.z3.Implies(where, a == b))
 
-    def _havoc_locals(self, component: int) -> None:
-        """Forgets the locals of a component whose step began earlier, as its reads are unknown."""
+    def _forget_locals(self, component: int) -> None:
+        """Makes a component's locals unknown, as its step began earlier with unknown reads."""
         self.had_control[component] = self.terms.unknown_bool("had control")
         if self.span.latching:
             self.latched[component] = self.terms.unknown_bool("latched")
@@ -409,7 +410,7 @@ class Cluster:
     def _judge_instants(self) -> None:
         """Judges each instant at which a step had effect, after the last effect of the instant."""
         steps = [e.step for e in self.effects]
-        # in their order, so that a query is the same in every run
+        # ordered, so that a query is the same in every run of Soter
         points = dict.fromkeys([*(s.effect for s in steps), *(s.start for s in steps)])
         if len({(p.earliest, p.latest) for p in points}) == 1 and isinstance(
             self.effects[0].step.effect.at, int
@@ -418,7 +419,7 @@ class Cluster:
             return
         for effect in self.effects:
             if effect.step.begun:
-                continue  # it may have been over before: then there is no such instant
+                continue  # its effect may lie before the span
             place = effect.step.effect
             is_last = [
                 self.terms.negated(
@@ -430,11 +431,11 @@ class Cluster:
             self._judge_instant(effect, place, self.terms.all_of(*is_last))
 
     def _judge_instant(self, effect: StepEffect, point: Point | None, counts: Term) -> None:
-        """Judges the claims behind one effect; without a `point`, behind all of the cluster."""
+        """Adds the claims right after one effect; `point` None: after the last of the cluster."""
         span, terms, step = self.span, self.terms, effect.step
         at = step.effect
-        holds = span.claims_at(ClusterView(span, self, at.at, point, step))
-        holds = tuple(terms.constant_for(h, "holds") for h in holds)
+        holds = span.claim_conditions(ClusterView(span, self, at.at, point, step))
+        holds = tuple(terms.new_constant_for(h, "holds") for h in holds)
         later = self._holds_until_next(effect, point) if span.reads_ages else holds[0]
         over = self.effects if point is None else [effect]
         faults = [e.fault if span.latching else terms.any_of(e.fault, e.doubt) for e in over]
@@ -443,7 +444,7 @@ class Cluster:
         if span.returning:
             view = ClusterView(span, self, at.at, point, step)
             conditions = span.problem.progress
-            progress = terms.all_of(*[span.predicate(p, view, fault=False) for p in conditions])
+            progress = terms.all_of(*[span.condition_of(p, view, fault=False) for p in conditions])
         span.judged.append(
             JudgedInstant(
                 counts=counts,
@@ -458,7 +459,7 @@ class Cluster:
         )
 
     def _holds_until_next(self, effect: StepEffect, point: Point | None) -> Term:
-        """The condition that `safe` holds at any time between an effect and the next one."""
+        """The condition that `safe` holds at all times between an effect and the next one."""
         span, terms, at = self.span, self.terms, effect.step.effect
         now = terms.unknown_int("now")
         still = [
@@ -468,5 +469,5 @@ class Cluster:
         ]
         terms.state(terms.all_of(now >= at.at, now < max(self.after, at.latest + 1)))
         view = ClusterView(span, self, now, point, effect.step)
-        holds = span.predicate(span.problem.safe, view, fault=False)
+        holds = span.condition_of(span.problem.safe, view, fault=False)
         return terms.any_of(terms.negated(terms.all_of(*still)), holds)

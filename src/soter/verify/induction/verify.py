@@ -1,9 +1,9 @@
-"""The verdicts on a module that is proved by induction, and what others need of its proof.
+"""Gives the verdicts on a module that is proved by induction, and its certificate entry.
 
-Purpose: `verify_by_induction` turns what the induction found into findings, property by property,
-with a refutation where a run was found, and with the assumptions that only this proof makes.
-`entry` writes what `soter recheck` needs: the depth of the induction, and the times of the nodes in
-it (docs/verification.md, section 4). `covers` says what the proof needs of a deployed system.
+Purpose: `verify_by_induction` turns the result of an induction into findings, one a property, with
+a refutation where a run was found, and with the assumptions that only this proof makes.
+`certificate_entry` writes the depth of the induction and the times of its nodes for `soter recheck`
+(docs/verification.md, section 4). `covered_inputs` says what a deployed system has to give.
 Non-goals: the induction (`prove_or_refute.py`), checking a certificate, deciding which proofs hold
 for a deployed system (`deploy/proof_transfer.py`).
 
@@ -17,7 +17,7 @@ import time
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import SoterError
-from soter.language.elaborate.wellformed import allowed_lateness, from_outside
+from soter.language.elaborate.wellformed import allowed_lateness, topics_from_outside
 from soter.language.model import typed
 from soter.language.model.tree_walk import nodes
 from soter.language.model.types import show_ns
@@ -46,20 +46,20 @@ if TYPE_CHECKING:
     from soter.verify.induction.prove_or_refute import Induction, Search
 
 
-def covers(
-    here: System, there: System, problem: InductionProblem, diagnostics: Diagnostics
+def covered_inputs(
+    deployed: System, proved: System, problem: InductionProblem, diagnostics: Diagnostics
 ) -> tuple[list[str], list[str]]:
-    """The inputs that the proof covers, and the assumptions on the deployed loop, in words."""
-    del there, diagnostics
-    names = [here.topics[e.topic].name for e in from_outside(here)]
+    """The inputs from outside that the proof covers, and assumptions on the loop, in words."""
+    del proved, diagnostics
+    names = [deployed.topics[e.topic].name for e in topics_from_outside(deployed)]
     free = [f"{n}: any value of its set, of any age" for n in names if n in problem.any_value]
-    judged = {here.components[i].name for i in allowed_lateness(here)}
+    judged = {deployed.components[i].name for i in allowed_lateness(deployed)}
     nodes = [c.name for c in problem.system.components if c.role == "node"]
     untold = ", ".join(n for n in nodes if n not in judged)
     return free, [f"{untold}: in time, which SOTER_LATE does not tell"] if untold else []
 
 
-def entry(
+def certificate_entry(
     result: InductionResult, system: str, stem: str, files: dict[str, bytes]
 ) -> dict[str, object]:
     """The module's entry in the manifest of a certificate; it adds no files."""
@@ -101,11 +101,11 @@ TEXTS = {
 
 
 UNTRIED = (typed.AgeRead, typed.ModeRead)
-"""Reads for which the check of the compiled DM has no values to try."""
+"""Kinds of reads for which the check of the compiled DM has no values to try."""
 
 
 class InductionResult(ModuleResult):
-    """The result for a module that is proved by induction: `induction` is what was found."""
+    """The result for a module that is proved by induction, with that induction."""
 
     problem: InductionProblem
     induction: Induction
@@ -121,8 +121,8 @@ def verify_by_induction(
 ) -> InductionResult:
     """Verifies one module; `SoterError` D007 where the solver is not installed.
 
-    `search` looks for runs that refute, if `refute`; None: no run is looked for. `explain` and
-    `compiled` are there because every method takes them, and are not used.
+    `search` looks for a run that refutes, if `refute` is true; None: no run is looked for.
+    `explain` and `compiled` are not used: every method takes them.
     """
     del explain, compiled
     began = time.perf_counter()
@@ -159,7 +159,7 @@ def verify_by_induction(
 
 
 def _failsafe_finding(problem: InductionProblem) -> Finding:
-    """The finding on a fail-safe law: it acts on plants, of which an induction says nothing."""
+    """The finding on a fail-safe law, of which an induction shows nothing, as it acts on plants."""
     if not problem.module.law:
         return Finding(ASSUMED, text=NO_LAW)
     text = "a fail-safe law acts on plants, of which a proof by induction says nothing"
@@ -200,7 +200,7 @@ def _safe_finding(problem: InductionProblem, induction: Induction) -> Finding:
     if induction.fails_ns is not None:
         within = show_ns(induction.fails_ns)
         how = "" if induction.about == "fault" else " fails"
-        finding.text = f"{induction.what}{how} within {within} in a run of the relation"
+        finding.text = f"{induction.failure}{how} within {within} in a run of the relation"
         if induction.undecided:
             finding.text += f"; taken for granted that it latches then: {induction.undecided}"
         finding.hint = {
@@ -216,15 +216,15 @@ def _safe_finding(problem: InductionProblem, induction: Induction) -> Finding:
 def _return_finding(problem: InductionProblem, induction: Induction) -> Finding:
     returned = induction.proved and bool(induction.returns)
     symbol = problem.module.symbol
-    if symbol.stays == "returns never" or (symbol.stays and not returned):
-        return Finding(ASSUMED, induction.returns_s, HOW, STAYS.format(symbol.stays))
+    if symbol.stay_clause == "returns never" or (symbol.stay_clause and not returned):
+        return Finding(ASSUMED, induction.returns_s, HOW, STAYS.format(symbol.stay_clause))
     finding = Finding(PROVED if returned else UNDECIDED, induction.returns_s, HOW)
     finding.text = "there is no proof that `safe` is kept"
     if returned:
         finding.text = f"SC gives control back within {show_ns(induction.returns_ns)}"
         finding.text += ", if it is acknowledged" if symbol.acknowledgements else ""
         if granted := [*_return_conditions(problem, induction)]:
-            text = f"{finding.text} while {_listing(granted, 'and')}: not proved"
+            text = f"{finding.text} while {_joined_names(granted, 'and')}: not proved"
             finding.weaken_to(ASSUMED, text)
         if problem.modes is not None and problem.modes.never:
             hint = "let one of them give control back whatever the other one does"
@@ -247,27 +247,28 @@ def _return_conditions(problem: InductionProblem, induction: Induction) -> Itera
     """The conditions under which SC gives control back, as clauses of a sentence."""
     if problem.progress:
         yield "`progress` holds"
-    if still := sorted(problem.system.topics[i].name for i in problem.heard):
-        yield f"{_listing(still, 'and')} stays as it is"
+    if constant := sorted(problem.system.topics[i].name for i in problem.heard):
+        yield f"{_joined_names(constant, 'and')} stays as it is"
     if problem.modes is not None and problem.modes.waits:
         yield f"{subjects_in_words(problem.modes.waits)} in AC"
     if induction.latching:
-        yield f"no step of {_listing(induction.latching, 'or')} faults"
+        yield f"no step of {_joined_names(induction.latching, 'or')} faults"
 
 
 def _return_assumptions(problem: InductionProblem, induction: Induction) -> Iterator[Assumption]:
-    """The assumptions that P2b rests on and that nothing proves; `safe` does not need them."""
+    """The unproved assumptions of P2b alone; the proof of `safe` does not need them."""
     for text in problem.progress_texts:
         yield Assumption("progress", f"progress, for P2b alone, proved by nobody: `{text}`")
     if induction.proved and induction.latching:
         yield Assumption(
             "no faults",
-            f"for P2b alone: no step of {_listing(induction.latching, 'or')} faults, which nothing "
-            "shows of what is opaque; one that faults is latched, and `safe` holds all the same",
+            f"for P2b alone: no step of {_joined_names(induction.latching, 'or')} faults, which "
+            "nothing shows of what is opaque; one that faults is latched, and `safe` holds all the "
+            "same",
         )
 
 
-def _listing(names: Sequence[str], word: str) -> str:
+def _joined_names(names: Sequence[str], word: str) -> str:
     *most, last = names
     return f"{', '.join(most)} {word} {last}" if most else last
 
@@ -288,7 +289,7 @@ def _enter_refuting_run(
         if run is None:
             finding.hint += " (no run of the program was found that shows it)"
             continue
-        finding.weaken_to(REFUTED, f"a run violates {induction.what} at {show_ns(run.time_ns)}")
+        finding.weaken_to(REFUTED, f"a run violates {induction.failure} at {show_ns(run.time_ns)}")
         finding.method = "a run, replayed in the interpreter"
         finding.counterexample = run
     findings["P2a"].seconds += time.perf_counter() - began
@@ -308,4 +309,4 @@ def _finding_on_dm(result: ModuleResult) -> Finding:
         check = check_module(result)
     except (SoterError, NotImplementedError) as error:
         return Finding(ASSUMED, time.perf_counter() - began, how, f"not tried: {error}")
-    return Finding(check.verdict, time.perf_counter() - began, how, check.text)
+    return Finding(check.verdict, time.perf_counter() - began, how, check.summary)

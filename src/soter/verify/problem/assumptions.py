@@ -75,7 +75,7 @@ def _declared_enters(place: VerificationSystem) -> typed.TypedExpr:
 
 
 def jumps_of(place: VerificationSystem) -> Jumps:
-    """The jumps of the states of all abstractions of a module."""
+    """The assumptions about jumps in the states of all abstractions of a module."""
     assumptions: list[Assumption] = []
     entered: dict[str, str] = {}
     unkept: list[Assumption] = []
@@ -115,7 +115,7 @@ def jumps_of(place: VerificationSystem) -> Jumps:
 
 
 def _judged_assumptions(place: VerificationSystem) -> list[Assumption]:
-    """Assumptions about topics of plants that only `safe` reads, not DM and SC."""
+    """The assumptions about topics of plants that `safe` reads and neither DM nor SC does."""
     followed = {*read_by_dm(place), *read_by_sc(place)}
     assumptions = []
     for symbol in topic_reads(place.module.symbol.safe):
@@ -128,7 +128,7 @@ def _judged_assumptions(place: VerificationSystem) -> list[Assumption]:
 
 
 def _start_in_words(place: VerificationSystem, link: typed.AbstractionLink) -> str:
-    """Words on since when an abstraction holds: since what flies starts, if that is known."""
+    """The words for the instant from which an abstraction holds."""
     if start_of_proof_plant(place.flat, place.home, link) is None:
         return f"the initial states of {link.name}"
     return f"the start of {link.instance}"
@@ -161,8 +161,8 @@ def _world_assumptions(place: VerificationSystem, inputs: Inputs, jumps: Jumps) 
 
 
 def _bound_assumptions(place: VerificationSystem, inputs: Inputs) -> Iterator[Assumption]:
-    """Assumptions about the bounds of disturbances and of what others do to the plants."""
-    of_others = {i.name(place.system) for i in place.influences}
+    """The assumptions about bounds of disturbances and of topics by which others move plants."""
+    of_others = {i.name_in_proofs(place.system) for i in place.influences}
     drawn = zip(inputs.disturbances, inputs.disturbance_ranges, strict=True)
     for d, r in drawn:
         kind = "others" if d.name in of_others else "disturbance"
@@ -171,7 +171,7 @@ def _bound_assumptions(place: VerificationSystem, inputs: Inputs) -> Iterator[As
 
 
 def _error_assumptions(place: VerificationSystem, inputs: Inputs) -> Iterator[Assumption]:
-    """Assumptions about the errors of estimates, and about which are exact."""
+    """The assumptions about errors of estimates, and about the leaves that are exact."""
     for e, r in zip(inputs.errors, inputs.error_ranges, strict=True):
         text = in_words("error", f"{e.name} within {r.high:g}{_unit_text(e)}")
         yield Assumption(f"error {e.name} {r.high:g}", text)
@@ -190,7 +190,7 @@ def _unshown_topics(place: VerificationSystem) -> list[str]:
     only of lists, and of arrays too long to be numbered.
     """
     if place.abstract:
-        names = {place.around + link.instance for link in place.module.symbol.verify.abstracts}
+        names = {place.home_prefix + link.instance for link in place.module.symbol.verify.abstracts}
         plants = [c for c in place.flat.components if c.name in names and c.plant is not None]
         topics = [place.flat.topics[c.scope.topics[t]] for c in plants for t in topics_driven_by(c)]
         return list(dict.fromkeys(t.name for t in topics if t.set_declared))
@@ -210,7 +210,7 @@ def topics_driven_by(c: Component) -> list[typed.TopicSymbol]:
 
 
 def _node_assumptions(place: VerificationSystem, chains: CauseEffectChains) -> list[Assumption]:
-    """Assumptions about nodes between plant and module, whose times alone a proof follows."""
+    """The assumptions about nodes between plants and module; a proof follows only their times."""
     assumptions: list[Assumption] = []
     if not place.abstract:
         return assumptions
@@ -244,7 +244,9 @@ def _node_assumptions(place: VerificationSystem, chains: CauseEffectChains) -> l
 
 def _source_in_words(place: VerificationSystem, chain: CauseEffectChain) -> str:
     """Words on which plant's state a topic of the module shows."""
-    shown = place.shown_by(next(i for i in place.driven if place.system.topics[i] is chain.topic))
+    shown = place.plant_shown_by(
+        next(i for i in place.driven if place.system.topics[i] is chain.topic)
+    )
     through = ", ".join(_node_in_words(n) for n in chain.nodes)
     if chain.source:
         return (
@@ -306,7 +308,7 @@ def _timing_assumptions(
 def _declared_time_assumptions(
     place: VerificationSystem, times: Times, chains: CauseEffectChains
 ) -> Iterator[Assumption]:
-    """Assumptions about the times that the program declares, and those that it leaves out."""
+    """The assumptions about the times that the program declares, and those that it leaves out."""
     verify = place.module.symbol.verify
     for name in DELAYS:
         kind, text = "undeclared", name.replace("_", " ") + " within" * (name == "acts")

@@ -1,14 +1,14 @@
-"""Groups and axes: which states are analysed together, over which boxes.
+"""Makes groups and axes: which states are analysed together, over which boxes.
 
-Purpose: `Axes` reads the `grid` lines of a module, and makes default groups for
-bounded states that no line names. `states_that_wrap` finds the axes, of those that are a full turn
-long, whose state is read only by functions with that period, and says of the others who reads them.
+Purpose: `Axes` reads the `grid` lines of a module, and makes default groups for bounded states
+that no line names. `states_that_wrap` looks at the axes that are a full turn long. It finds the
+states that only periodic functions read, and names a reader of each other one.
 Non-goals: whether a partition is useful: a bad one proves less, and nothing wrong; sets that wrap
 around (`verify/engine/soter_reach_grid.c`), the DM's table (`verify/deploy/level_tables.py`).
 
-Functions with that period take sums in which the state stands as it is. How much a sum is off where
-the state is many turns further is `SOTER_FAR_TURNS` of `verify/engine/soter_form_math.h`; that
-holds up to `FARTHEST`, which is assumed of every such state.
+Periodic functions take sums in which the state itself stands. `SOTER_FAR_TURNS` of
+`verify/engine/soter_form_math.h` bounds the error of such a sum where the state is many turns away.
+The bound holds up to `FARTHEST`, and a proof assumes that every such state stays below it.
 """
 
 from __future__ import annotations
@@ -45,20 +45,20 @@ WIDEST = 1e6
 """The largest width of a cell up to an open end, in ranges of its axis."""
 DEFAULT_CELLS = {1: 2000, 2: 300, 3: 64, 4: 24}
 BESIDE = 100
-"""How many cells a state gets that no `grid` line names, where there are such lines."""
+"""The number of cells of a state that no `grid` line names, beside states that one does."""
 FINDS = "`soter verify FILE --write` finds a grid or `rest` and puts it here"
 """The first help of R008; after a search that found nothing it is left out."""
 Path = tuple[str, ...]
 NEAR = 2.0**-44
-"""How much the written ends of a full turn may be rounded."""
+"""By how many rad the written length of a full turn may be off by rounding."""
 NEARLY = 0.1
-"""An axis that differs from a full turn by this at most, as [-3.14, 3.14], was meant to be one."""
+"""An axis whose length is this near to a full turn, in rad, as [-3.14, 3.14], was meant as one."""
 COVERED_BY_OTHERS = frozenset({"drives", MOVING})
 """Functions whose reads do not count, as other functions of the same proof read the same."""
 
 
 class Axes:
-    """Finds the state behind every axis."""
+    """Finds the state that each axis names, and makes the axes and groups of a problem."""
 
     def __init__(
         self,
@@ -67,7 +67,7 @@ class Axes:
         diagnostics: Diagnostics,
         readers: Mapping[str, str] | None = None,
     ) -> None:
-        """`readers`: for each state that nothing bounds, by name, one function that reads it."""
+        """Takes the inputs; `readers`: a function that reads each unbounded state, by its name."""
         self.readers = readers or {}
         self.place = place
         self.inputs = inputs
@@ -89,7 +89,7 @@ class Axes:
         return tuple(groups)
 
     def boundless_states(self) -> frozenset[int]:
-        """The states that are on no declared axis and that nothing bounds."""
+        """The numbers of the moving states that are on no declared axis and that nothing bounds."""
         named = {
             self._state_named_by(a) for g in self.place.module.symbol.verify.groups for a in g.axes
         }
@@ -98,7 +98,7 @@ class Axes:
         return frozenset(s for s in moving if self._range_in_program(s) is None)
 
     def _refuse_repeated_states(self, groups: list[Group]) -> None:
-        """Reports R009 where two axes, by whatever names, are the same state."""
+        """Reports R009 where two axes, perhaps by different names, are the same state."""
         seen: set[int] = set()
         for group in groups:
             for axis in group.axes:
@@ -167,7 +167,7 @@ class Axes:
     def _even_breakpoints(
         self, low: float, high: float, cells: int, item: typed.TypedGridAxis | None = None
     ) -> tuple[float, ...]:
-        """The breakpoints of `cells` cells of one width; R010 where no floats lie between them."""
+        """The breakpoints of `cells` cells of one width; R010 where there are not enough floats."""
         edges = [low + (high - low) * (i / cells) for i in range(cells)] + [high]
         if any(a >= b for a, b in pairwise(edges)) and item is not None:
             self.diagnostics.error(
@@ -179,7 +179,7 @@ class Axes:
         return tuple(edges)
 
     def topic_range_of_state(self, state: int) -> tuple[float, float]:
-        """The set of the topic that equals this state; (-inf, inf) where no topic does."""
+        """The ends of the set of the topic that equals this state; (-inf, inf) if none does."""
         for (topic, leaf), s in self.topic_leaves.items():
             bound = self.place.system.topics[topic].bounds[leaf]
             if s == state and bound is not None:
@@ -187,7 +187,7 @@ class Axes:
         return -math.inf, math.inf
 
     def _state_of_declared_axis(self, item: typed.TypedGridAxis) -> int | None:
-        """The state that an axis names; R009 if none. `shown` notes its topic."""
+        """The state that an axis names, None with R009 if there is none; notes its topic."""
         shown = leaf_name(item.topic.name if item.topic else item.instance, item.path)
         state, topic_leaf = self._state_named_by(item), self._topic_leaf_named_by(item)
         if topic_leaf is not None and state is not None:
@@ -222,7 +222,7 @@ class Axes:
         return index, [p for p, _ in leaves(item.topic.type)].index(item.path)
 
     def _notes_on_driven_topic(self, item: typed.TypedGridAxis) -> tuple[str, ...]:
-        """Notes on how the topic of an axis is driven, where that is not by a state alone."""
+        """Notes on how a plant drives the topic of an axis; none if no plant does."""
         for c in self.place.plants:
             for topic, value in c.plant.drives if c.plant is not None else ():
                 if topic is item.topic:
@@ -239,7 +239,7 @@ class Axes:
         return next((s.topics[symbol] for s in scopes if symbol in s.topics), None)
 
     def _default_groups(self, missing: list[int], *, alone: bool) -> list[Group]:
-        """The groups of states that no `grid` line names; R008 if one has no range."""
+        """Groups of states that no `grid` line names (`alone`: one each); R008 without a range."""
         ranges = {s: self._range_in_program(s) for s in missing}
         unbounded = [s for s in missing if ranges[s] is None]
         if unbounded:
@@ -277,7 +277,7 @@ class Axes:
         )
 
     def _range_in_program(self, state: int) -> Interval | None:
-        """The range of a state: of its start if it never changes, else its topic's set."""
+        """The range of a state: its start if it never changes, else its topic's set, or None."""
         if state in self.inputs.still:
             start = self.inputs.initial[state]
             return start if start.low < start.high else None
@@ -318,7 +318,7 @@ class Axes:
         if isinstance(e, typed.Aggregate) and path:
             t = e.type
             if isinstance(t, ListType):
-                return None  # which of its elements are there is a matter of its length
+                return None  # its length decides which elements it has
             if not isinstance(t, RecordType):
                 return self._driven_state(c, e.elements[int(path[0][1:-1])], path[1:])
             field = t.index(path[0])
@@ -334,10 +334,10 @@ class Axes:
 def states_that_wrap(
     at: VerificationSystem, core: CoreSystem, quantities: Quantities, groups: tuple[Group, ...]
 ) -> tuple[frozenset[int], dict[str, str]]:
-    """The states whose axis wraps around; for others, by name, who reads their turns.
+    """The states whose axis wraps around; for each other angle, by name, a reader of its turns.
 
-    "" in place of a reader: nobody reads them, but the axis is not quite a turn long. Only flows
-    that one module alone commands, with a declared SC and predicates, have such states.
+    The reader is "" where nobody reads them, but the axis is not exactly a turn long. No state
+    wraps in a view, nor beside `enters` or a `shield`.
     """
     symbol = at.module.symbol
     settled = not (at.module.view or symbol.verify.enters is not None or symbol.shield is not None)
@@ -348,7 +348,7 @@ def states_that_wrap(
         try:
             read = _readers_of_turns(at, core, quantities, axis.state)
         except EnclosureError:
-            continue  # said where all of it is enclosed
+            continue  # it is reported where everything is enclosed
         if read:
             readers[axis.name] = reader_in_words(read, quantities)
         elif _is_full_turn(axis, NEAR):
@@ -359,7 +359,7 @@ def states_that_wrap(
 
 
 def _is_full_turn(axis: Axis, off: float) -> bool:
-    """Whether an axis is a full turn long, but for `off` rad."""
+    """Whether the length of an axis differs from a full turn by at most `off` rad."""
     low, high = axis.edges[0], axis.edges[-1]
     long = abs(high - low - TURN) <= off and max(-low, high) <= 1.5 * TURN
     return long and not (axis.open or axis.unbounded)
@@ -368,23 +368,23 @@ def _is_full_turn(axis: Axis, off: float) -> bool:
 def _readers_of_turns(
     at: VerificationSystem, core: CoreSystem, quantities: Quantities, state: int
 ) -> frozenset[str]:
-    """The functions of a proof that depend on how many turns a state has made."""
+    """The names of the functions of a proof that depend on how many turns a state has made."""
     turning = replace(quantities, turning=frozenset({state}))
     unit = generate_enclosures(at.system, core, at.module, turning, apart=True)
     return frozenset(name for name in unit.of_turns if name not in COVERED_BY_OTHERS)
 
 
-def with_wrapping_axes(groups: tuple[Group, ...], states: frozenset[int]) -> tuple[Group, ...]:
-    """The groups, in which the axes of these states wrap around."""
+def groups_that_wrap(groups: tuple[Group, ...], states: frozenset[int]) -> tuple[Group, ...]:
+    """A copy of the groups in which exactly the axes of these states wrap around."""
     return tuple(
         replace(g, axes=tuple(replace(a, wraps=a.state in states) for a in g.axes)) for g in groups
     )
 
 
 def starts_on_axes(groups: tuple[Group, ...], starts: Sequence[Interval]) -> tuple[Interval, ...]:
-    """The ranges of starts; a range on an axis that wraps is moved onto it by whole turns.
+    """The ranges of starts, of which those on axes that wrap are moved there by whole turns.
 
-    It then begins on the axis, and may go on beyond its upper end.
+    A moved range begins on the axis, and may go on beyond its upper end.
     """
     near = list(starts)
     for axis in (a for g in groups for a in g.axes if a.wraps):
@@ -400,11 +400,11 @@ def starts_on_axes(groups: tuple[Group, ...], starts: Sequence[Interval]) -> tup
     return tuple(near)
 
 
-def with_same_wrapping(law: Problem, states: frozenset[int]) -> Problem:
-    """The problem of a fail-safe law, in which the axes wrap around that do so for its module."""
+def law_with_same_wrapping(law: Problem, states: frozenset[int]) -> Problem:
+    """The problem of a fail-safe law, whose axes wrap only if they do so for its module, too."""
     kept = law.quantities.turning & states
     quantities = replace(law.quantities, turning=kept)
-    return replace(law, quantities=quantities, groups=with_wrapping_axes(law.groups, kept))
+    return replace(law, quantities=quantities, groups=groups_that_wrap(law.groups, kept))
 
 
 def far_turns_assumption(groups: tuple[Group, ...]) -> list[Assumption]:
@@ -412,9 +412,10 @@ def far_turns_assumption(groups: tuple[Group, ...]) -> list[Assumption]:
     names = [a.name for g in groups for a in g.axes if a.wraps]
     if not names:
         return []
-    said = ", ".join(f"`{n}`" for n in names)
+    names_text = ", ".join(f"`{n}`" for n in names)
     text = (
-        f"{said} stays within {FARTHEST:,.0f} rad of 0 ({FARTHEST / TURN:,.0f} turns): it is read "
+        f"{names_text} stays within {FARTHEST:,.0f} rad of 0 "
+        f"({FARTHEST / TURN:,.0f} turns): it is read "
         "modulo a full turn, and its axis wraps around"
     )
     return [Assumption("turns", text)]

@@ -1,4 +1,4 @@
-"""Paths of data through the flying system: from sensors to a module, and from it to the plant.
+"""Finds the paths of data from sensors to a module, and from the module to the plants.
 
 Purpose: `cause_effect_chains_of` finds, for a topic of the verification system, every path from a
 sensor to its publishers, node by node, and, where the plants of the proof are abstractions, the
@@ -7,12 +7,12 @@ nodes that a module's commands pass on their way (docs/proof.md, "The model of t
 Non-goals: what the nodes compute (that they show the state is an assumption, `assumptions.py`), the
 times that follow (`schedule.py`); that no node faults is assumed.
 
-Three kinds of nodes stand there. One that also reads what comes from a plant is a controller of
-its own and belongs, with everything behind it, to what the abstraction stands for: it is named, and
-may not skip a command. One that reads commands only passes them on: its wait is counted, unless
-it is released whenever SC is and declared behind the one before it, without times of its own: then
-it runs behind SC in the module's thread, in the same instant. Below a shield that is asked of the
-first one with sensors of its own, too, as it says until when a command of AC is taken over.
+Three kinds of nodes stand between SC and the plants. A node that also reads sensors is a controller
+of its own. It belongs, with everything behind it, to the plants that the abstraction stands for: an
+assumption names it, and it may not skip a command. A node that reads commands alone passes them on,
+and its wait is counted. But a node that is released whenever SC is, is declared behind the node
+before it and has no declared times runs behind SC in the same instant. Under a shield the first
+node with sensors has to run so, too, since that bounds how long a command of AC may still act.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 class UnfollowedError(Exception):
-    """A path cannot be followed; it holds the component where it ends, and why."""
+    """Raised for a path that cannot be followed; `node` is the component at which it ends."""
 
     def __init__(self, node: Component, why: str) -> None:
         super().__init__(why)
@@ -42,7 +42,7 @@ class UnfollowedError(Exception):
 
 
 def always_publishes(statements: Sequence[typed.TypedStmt], topic: typed.TopicSymbol) -> bool:
-    """Whether every path through the statements publishes the topic; loops count as empty."""
+    """Whether every way through the statements publishes the topic; loops count as empty."""
     for s in statements:
         if isinstance(s, typed.TypedPublish) and s.topic is topic:
             return True
@@ -57,7 +57,7 @@ def require_publishes_in_every_step(node: Component, index: int) -> None:
     """Raises `UnfollowedError` where a step of the node may leave out the topic of that index."""
     assert node.node is not None
     if node.node.extern:
-        return  # named, like everything that an extern does
+        return  # an assumption names what an extern does
     symbols = [t for t in node.node.publishes if node.scope.topics[t] == index]
     if not all(always_publishes(node.node.step, t) for t in symbols):
         raise UnfollowedError(node, "some of its steps publish nothing")
@@ -68,7 +68,7 @@ WAYS_MAX = 64
 
 @dataclass(frozen=True, eq=False)
 class DownstreamPath:
-    """One path from an output to a plant: nodes whose wait counts, and others that are named."""
+    """The nodes on one path from an output to a plant, by whether and how their waits count."""
 
     counted: tuple[Component, ...] = ()
     in_step: tuple[Component, ...] = ()
@@ -93,7 +93,7 @@ def find_downstream_paths(place: VerificationSystem) -> list[DownstreamPath]:
 def _paths_to_plant(
     place: VerificationSystem, index: int, seen: tuple[Component, ...]
 ) -> Iterator[tuple[Component, ...]]:
-    """The nodes, in order, of every path that ends at a plant and does not run in a circle."""
+    """The nodes, in order, on every path from a topic to a plant without circles."""
     for c in place.flat.components:
         if c.plant is not None and index in c.reads:
             yield seen
@@ -111,7 +111,7 @@ def _topics_read(place: VerificationSystem, c: Component) -> set[int]:
 
 
 def _downstream_path(place: VerificationSystem, nodes: tuple[Component, ...]) -> DownstreamPath:
-    """The path through these nodes: each waits, runs in SC's instant or counts as plant."""
+    """The path through these nodes, each sorted into its kind."""
     counted: list[Component] = []
     in_step: list[Component] = []
     before = -1
@@ -133,7 +133,7 @@ def _downstream_path(place: VerificationSystem, nodes: tuple[Component, ...]) ->
 
 
 def _check_passes_on(place: VerificationSystem, node: Component, after: Component | None) -> None:
-    """Raises `UnfollowedError` where a node may pass on something old, or nothing."""
+    """Raises `UnfollowedError` where a node may pass on an old command, or none."""
     assert node.node is not None
     topics = place.flat.topics
     if any(topics[node.scope.topics[s.topic]].queue_of is not None for s in node.node.subscribes):
@@ -145,7 +145,7 @@ def _check_passes_on(place: VerificationSystem, node: Component, after: Componen
 
 
 def _takes_over_at_once(place: VerificationSystem, node: Component) -> bool:
-    """Whether a node with sensors of its own takes over each command right behind SC."""
+    """Whether a node with sensors takes over each command in the instant of SC, behind SC."""
     assert node.node is not None
     always = all(always_publishes(node.node.step, t) for t in node.node.publishes)
     return always and is_output_state_of_proof(place, node) and _steps_with_sc(place, node)
@@ -165,10 +165,11 @@ def _steps_with_sc(place: VerificationSystem, node: Component) -> bool:
     sc = place.sc
     aligned = gcd(node.period_ns, sc.period_ns) == node.period_ns
     aligned = aligned and (sc.phase_ns - node.phase_ns) % node.period_ns == 0
-    return aligned and all(place.declared(node, w) is None for w in ("late", "response"))
+    return aligned and all(place.declared_time(node, w) is None for w in ("late", "response"))
 
 
-def _topics_of_plant(c: Component) -> set[int]:
+def _topics_driven_by(c: Component) -> set[int]:
+    """The topics that a plant drives; empty for a component that is no plant."""
     return set() if c.plant is None else {*c.writes}
 
 
@@ -178,13 +179,11 @@ def _reads_sensors(place: VerificationSystem, node: Component, behind: set[Compo
     while todo:
         c = todo.pop()
         assert c.node is not None
-        named = topics_read_in_step(
-            c.node
-        )  # what it subscribes to and never looks at is no sensor of its own
+        named = topics_read_in_step(c.node)  # a subscribed topic that it never reads is no sensor
         topics = [flat.topics[c.scope.topics[t]] for t in named]
         read = {t.index if t.queue_of is None else t.queue_of for t in topics}
         for other in flat.components:
-            if read & _topics_of_plant(other):
+            if read & _topics_driven_by(other):
                 return True
             if other.node is None or other in seen or other in behind or other.role != "node":
                 continue
@@ -208,7 +207,7 @@ class CauseEffectChain:
     """None: an input of the system, or a node that no plant stands behind."""
     nodes: tuple[Component, ...] = ()
     source: bool = False
-    """Whether no plant stands behind the first node: what it publishes is a state of its own, which
+    """Whether no plant stands behind the first node. Its publication is a state of its own, which
     lasts until it publishes again (an assumption), so that a reader sees the instant of reading."""
 
     @property
@@ -219,16 +218,16 @@ class CauseEffectChain:
 
 @dataclass(eq=False)
 class CauseEffectChains:
-    """All paths that matter for the times of one module."""
+    """All paths of data on which the times of one module depend."""
 
     by_dm: list[CauseEffectChain] = field(default_factory=list)
     by_sc: list[CauseEffectChain] = field(default_factory=list)
     ways: list[DownstreamPath] = field(default_factory=list)
     """The paths from SC to plants."""
     beside: dict[tuple[str, str], None] = field(default_factory=dict)
-    """Topics, each with somebody outside of the proof whom its publishers hear: plants that no
-    `abstracts` names, controllers of other modules. These say what to do, not where the plant of
-    the proof is, so their age does not matter (an assumption, printed)."""
+    """Pairs of a topic's name and the name of a component outside of the proof that its publishers
+    hear: a plant that no `abstracts` names, or a controller of another module. What it says is no
+    state of the proof's plants, so its age does not matter (an assumption, printed)."""
     releases: dict[Component, Releases] = field(default_factory=dict)
     """The releases of the nodes behind SC."""
 
@@ -250,7 +249,7 @@ def cause_effect_chains_of(
     sc: list[int],
     ns: Callable[[typed.TypedExpr | None], int],
 ) -> CauseEffectChains:
-    """The paths to the topics that DM and SC read (indices of the verification system)."""
+    """The paths to topics of DM and SC (indices in the proof's system), and from SC to plants."""
     chains = CauseEffectChains()
 
     def releases(c: Component) -> Releases:
@@ -272,23 +271,23 @@ def releases_of(
     place: VerificationSystem, c: Component, ns: Callable[[typed.TypedExpr | None], int]
 ) -> Releases:
     """The releases of a node of the flying system, with the times that the module declares."""
-    late, response = place.declared(c, "late"), place.declared(c, "response")
+    late, response = place.declared_time(c, "late"), place.declared_time(c, "response")
     return Releases(c.period_ns, c.phase_ns, ns(late), ns(response))
 
 
-def side_inputs(place: VerificationSystem) -> dict[str, str]:
-    """For topics of SC that no plant drives, the name of the node that always publishes each."""
+def side_input_publishers(place: VerificationSystem) -> dict[str, str]:
+    """For each topic of SC that no plant drives, the one node that publishes it in every step."""
     publisher_by_topic = {}
     for topic in topics_read_in_step(place.sc.node) if place.abstract and place.sc.node else ():
-        own, index = place.sc.scope.topics[topic], place.flying(topic)
+        in_proof, index = place.sc.scope.topics[topic], place.flying_index(topic)
         nodes = [c for c in place.flat.components if _is_published_by(c, index)]
-        if own in place.driven or [c.role for c in nodes] != ["node"]:
+        if in_proof in place.driven or [c.role for c in nodes] != ["node"]:
             continue
         try:
             require_publishes_in_every_step(nodes[0], index)
         except UnfollowedError:
             continue
-        publisher_by_topic[place.system.topics[own].name] = nodes[0].name
+        publisher_by_topic[place.system.topics[in_proof].name] = nodes[0].name
     return publisher_by_topic
 
 
@@ -298,7 +297,7 @@ def _is_published_by(c: Component, index: int) -> bool:
 
 
 def actuation_paths(chains: CauseEffectChains, least: int, acts: int) -> tuple[ActuationPath, ...]:
-    """The paths between SC and the plants, as `Schedule.outputs`, each kind once."""
+    """The different paths from SC to the plants, in the form of `Schedule.outputs`."""
     ways = [
         ActuationPath(least, acts, tuple(chains.releases[n] for n in w.counted))
         for w in chains.ways
@@ -322,7 +321,7 @@ def _chains_to_topic(
         yield CauseEffectChain(path, topic, plant)
         return
     count, shown = 0, False
-    for way in _upstream_prefixes(place, place.flying(topic.symbol), ()):
+    for way in _upstream_prefixes(place, place.flying_index(topic.symbol), ()):
         count += 1
         if count > ROUTES_MAX:
             raise UnfollowedError(way.nodes[-1], f"more than {ROUTES_MAX} ways lead to it")
@@ -337,12 +336,12 @@ def _chains_to_topic(
             topic=topic.name,
             publisher=_publisher_name(way, topic),
         )
-        shown = shown or (way.sensor is not None and way.sensor.name == place.shown_by(index))
+        shown = shown or (way.sensor is not None and way.sensor.name == place.plant_shown_by(index))
         yield CauseEffectChain(path, topic, way.sensor, way.nodes, way.source)
     if not count:
         raise UnfollowedError(place.sc, f"nobody publishes `{topic.name}` in the flying system")
     if not shown:
-        plant_name = place.shown_by(index)
+        plant_name = place.plant_shown_by(index)
         message = f"`{topic.name}` is to show `{plant_name}`, and no way leads to it from there"
         raise UnfollowedError(place.sc, message)
 
@@ -355,6 +354,8 @@ def _publisher_name(way: _ChainPrefix, topic: Topic) -> str:
 
 @dataclass(frozen=True, eq=False)
 class _ChainPrefix:
+    """The beginning of a path: its sensor (None: no plant) and the nodes behind it so far."""
+
     sensor: Component | None
     nodes: tuple[Component, ...]
     first: Releases
@@ -368,12 +369,12 @@ def _upstream_prefixes(
 ) -> Iterator[_ChainPrefix]:
     """Every path from a sensor or source to a topic of the flying system, without circles."""
     flat, links = place.flat, place.module.symbol.verify.abstracts
-    shown = {place.around + link.instance for link in links}
+    shown = {place.home_prefix + link.instance for link in links}
     for drive in flat.inputs:
         if drive.topic == index:
             yield _ChainPrefix(None, (), Releases(drive.every_ns))
     for c in flat.components:
-        if index in _topics_of_plant(c):
+        if index in _topics_driven_by(c):
             beside = None if c.name in shown else c
             yield _ChainPrefix(c, (), Releases(c.period_ns, c.phase_ns), beside=beside)
         if c.node is None or c in seen or c.module == place.home.index:

@@ -1,7 +1,7 @@
-"""Reads the verification problem of a module off its program.
+"""Makes the verification problem of a module from its program.
 
-Purpose: `extract` makes the `Problem` of a module of a flat system; where the program does not
-determine one, a diagnostic says what to write (codes R...).
+Purpose: `extract` makes the `Problem` of a module of a flat system. Where the program does not
+determine a problem, a diagnostic says what to write (codes R...).
 Non-goals: computing sets (`verify/grid/sets.py`), verdicts (`verify/verify_module.py`).
 """
 
@@ -25,12 +25,12 @@ from soter.verify.problem.assumptions import assumptions_of, jumps_of
 from soter.verify.problem.axes import (
     Axes,
     far_turns_assumption,
+    groups_that_wrap,
+    law_with_same_wrapping,
     starts_on_axes,
     states_that_wrap,
-    with_same_wrapping,
-    with_wrapping_axes,
 )
-from soter.verify.problem.cause_effect_chains import is_output_state_of_proof, side_inputs
+from soter.verify.problem.cause_effect_chains import is_output_state_of_proof, side_input_publishers
 from soter.verify.problem.inputs import Inputs, inputs_of
 from soter.verify.problem.left_out_states import states_to_leave_out
 from soter.verify.problem.problem import NS, ORDER, Assumption, Interval, Problem, Times
@@ -39,10 +39,10 @@ from soter.verify.problem.supported_constructs import check_supported
 from soter.verify.problem.verification_system import (
     VerificationSystem,
     system_under_law,
+    system_with_all_predicates,
+    system_with_mode_topics,
     verification_system_of,
     why_law_not_held,
-    with_all_predicates,
-    with_modes_as_topics,
 )
 from soter.verify.tubes.problem import problem_of_plans, tube_problem_of
 
@@ -64,8 +64,8 @@ HELP_FOR_VIEWS = "it says when the state of a view may jump, and there is no vie
 def extract(flat: System, module: Module, *, synthesize: bool = False) -> Problem:
     """The problem of `module` of a flat system; `SoterError` with a code R... where there is none.
 
-    It holds the problem of the module's fail-safe law, where one is declared; and those of all
-    plans, where SC has several.
+    It holds the problem of the module's fail-safe law where the module declares a law, and the
+    problems of all plans where SC has several.
     """
     if module.plan is not None:
         alone = derived_systems.systems_by_plan(flat, module)
@@ -76,20 +76,20 @@ def extract(flat: System, module: Module, *, synthesize: bool = False) -> Proble
             problem.law_unread = why_law_not_held(flat, module) or _why_law_uncovered(problem)
             if not problem.law_unread:
                 law = _problem_of(*system_under_law(flat, module))
-                problem.law = with_same_wrapping(law, problem.quantities.turning)
+                problem.law = law_with_same_wrapping(law, problem.quantities.turning)
         except SoterError as error:
             problem.law_unread = error.diagnostics[0].message
     return problem
 
 
 def _why_law_uncovered(problem: Problem) -> str:
-    """Why nothing is claimed of a fail-safe law of this problem; "" where something may be.
+    """Why nothing is claimed of this problem's fail-safe law; "" where a claim may be made.
 
     Other modules of the same trusted part keep nothing once that part has stopped. For a map it is
     not settled whether a command that ends at an instant moves the plant once more.
     """
     if problem.influences:
-        named = ", ".join(i.name(problem.system) for i in problem.influences)
+        named = ", ".join(i.name_in_proofs(problem.system) for i in problem.influences)
         return f"the plants are moved by {named}, which nobody keeps where all stops"
     if problem.kind != "flow":
         return "the plants move in steps (`next`): when a lease ends there is not settled"
@@ -97,10 +97,10 @@ def _why_law_uncovered(problem: Problem) -> str:
 
 
 def _problem_of(flat: System, module: Module, *, synthesize: bool = False) -> Problem:
-    """The problem without that of the fail-safe law."""
+    """The problem of a module, without the problem of its fail-safe law."""
     diagnostics = Diagnostics()
     refuse_views(module)
-    flat, module, modes = with_modes_as_topics(flat, module)
+    flat, module, modes = system_with_mode_topics(flat, module)
     if module.symbol.verify.induction is not None:
         return extract_induction(flat, module, modes)
     _refuse_clauses_of_other_proofs(module, diagnostics)
@@ -111,7 +111,9 @@ def _problem_of(flat: System, module: Module, *, synthesize: bool = False) -> Pr
     diagnostics.raise_errors()
     core, rest_clause = lower(at.system), at.module.symbol.rest
     inputs, axes = _inputs_and_axes(at, core, inputs, kind, diagnostics)
-    quantities, groups, turns_read = _wrapping_axes(at, core, axes, kind, synthesize=synthesize)
+    quantities, groups, turns_read = _quantities_and_groups(
+        at, core, axes, kind, synthesize=synthesize
+    )
     _refuse_unbounded_axes(at, groups, kind, diagnostics)
     times, chains = times_of(at, kind, diagnostics)
     _check_shield(at, groups, kind, times, chains.ways, diagnostics)
@@ -138,7 +140,7 @@ def _problem_of(flat: System, module: Module, *, synthesize: bool = False) -> Pr
         groups=groups,
         times=times,
         levels=LEVELS_DEFAULT if levels is None else int(calculator.value(levels, "") or 0),
-        levels_open=_is_level_count_open(at.module) and not synthesize,
+        levels_open=_is_level_count_to_choose(at.module) and not synthesize,
         has_core_hint=symbol.verify.core is not None,
         computed=symbol.ttf is None,
         synthesize=synthesize,
@@ -149,9 +151,9 @@ def _problem_of(flat: System, module: Module, *, synthesize: bool = False) -> Pr
             *_problem_assumptions(at, groups, modes),
         ),
         name=f"{module.name} as {module.view}" if module.view else module.name,
-        beside=side_inputs(at),
+        beside=side_input_publishers(at),
         view=module.view,
-        whole=with_all_predicates(at) if module.view else None,
+        whole=system_with_all_predicates(at) if module.view else None,
         jumps=jumps,
         modes=modes if modes.topics or modes.margins else None,
         influences=at.influences,
@@ -159,15 +161,15 @@ def _problem_of(flat: System, module: Module, *, synthesize: bool = False) -> Pr
         parameter_starts=tuple(inputs.parameter_starts),
         schemes=_schemes_of_states(at, inputs, quantities.turning) if kind == "flow" else (),
         still=frozenset(inputs.still),
-        stays=bool(symbol.stays),
+        stays=bool(symbol.stay_clause),
         turns_read=turns_read,
         recover_ns=None if recover is None else int(calculator.value(recover, "") or 0),
     )
     return problem if rest_clause is None else tube_problem_of(problem, rest_clause, calculator)
 
 
-def _is_level_count_open(module: Module) -> bool:
-    """Whether the number of levels is to be chosen: not for views, where AC never gets control."""
+def _is_level_count_to_choose(module: Module) -> bool:
+    """Whether the number of levels is still to be chosen; a view has none, as AC has no control."""
     symbol = module.symbol
     computed = symbol.ttf is None and symbol.rest is None
     return computed and symbol.verify.levels is None and not module.view
@@ -180,7 +182,7 @@ def _inputs_and_axes(
     kind: ProblemKind,
     diagnostics: Diagnostics,
 ) -> tuple[Inputs, Axes]:
-    """The inputs and axes, without states that nothing bounds and that no claim depends on."""
+    """The inputs and axes without each unbounded state on which no claim depends."""
     axes = Axes(at, inputs, diagnostics)
     sets = at.module.symbol.rest is None and kind == "flow"
     if not (sets and (boundless := axes.boundless_states())):
@@ -190,23 +192,23 @@ def _inputs_and_axes(
     return inputs, Axes(at, inputs, diagnostics, readers)
 
 
-def _wrapping_axes(
+def _quantities_and_groups(
     at: VerificationSystem, core: CoreSystem, axes: Axes, kind: ProblemKind, *, synthesize: bool
 ) -> tuple[Quantities, tuple[Group, ...], dict[str, str]]:
-    """Quantities and groups, some with axes that wrap; by other states, who reads their turns."""
+    """The quantities, the groups, and for each angle that does not wrap a reader of its turns."""
     quantities = axes.inputs.quantities()
     groups = axes.groups() if at.module.symbol.rest is None else ()
     if kind != "flow" or synthesize:
         return quantities, groups, {}
     states, readers = states_that_wrap(at, core, quantities, groups)
-    return replace(quantities, turning=states), with_wrapping_axes(groups, states), readers
+    return replace(quantities, turning=states), groups_that_wrap(groups, states), readers
 
 
 def _problem_assumptions(
     at: VerificationSystem, groups: tuple[Group, ...], modes: Modes
 ) -> list[Assumption]:
-    """The assumptions that not every problem has, on axes and on modes."""
-    beside = [*_unbounded_assumptions(groups), *far_turns_assumption(groups)]
+    """The assumptions of some problems alone, on a forced module, on axes and on modes."""
+    beside = [*_open_end_assumptions(groups), *far_turns_assumption(groups)]
     return [*_forced_assumptions(at.flat, at.home), *beside, *modes.assumptions]
 
 
@@ -219,7 +221,7 @@ def _forced_assumptions(flat: System, module: Module) -> list[Assumption]:
     return [Assumption("forced", text)]
 
 
-def _unbounded_assumptions(groups: tuple[Group, ...]) -> list[Assumption]:
+def _open_end_assumptions(groups: tuple[Group, ...]) -> list[Assumption]:
     ends = [(a.name, a.edges[-1]) for g in groups for a in g.axes if a.open]
     return [Assumption(f"open {n} {end!r}", in_words("open", n, end)) for n, end in ends]
 
@@ -234,8 +236,8 @@ def _check_shield(
 ) -> None:
     """Reports R007 for a shield that the proof does not cover.
 
-    A node behind SC that runs in SC's instant passes a command of AC on by SC's next release at the
-    latest, which W covers; other nodes may pass it on arbitrarily late. The result of a node that
+    A node that runs behind SC in SC's instant passes a command of AC on at SC's next release at the
+    latest, which W covers. Other nodes may pass it on at any later time. The result of a node that
     also uses sensors or a memory has to be a state of the plants of the proof.
     """
     symbol = at.module.symbol
@@ -252,7 +254,7 @@ def _check_shield(
         and _ac_runs_between_steps(at),
         "an axis without ends": any(a.unbounded for g in groups for a in g.axes),
     }
-    for reason in (reason for reason, there in wrong.items() if there):
+    for reason in (reason for reason, is_so in wrong.items() if is_so):
         diagnostics.error(
             "R007",
             f"a shield beside {reason}",
@@ -263,7 +265,7 @@ def _check_shield(
 
 
 def _may_delay_command(at: VerificationSystem, ways: Sequence[DownstreamPath]) -> bool:
-    """Whether a node on the way may pass a command on later, or changes it by a memory."""
+    """Whether a node on the way may pass on a command too late, or changes it by a memory."""
     late = any(w.inner and w.inner[0] not in w.in_step for w in ways)
     on_the_way = [n for w in ways for n in w.in_step]
     keeping = [n for n in on_the_way if n.node is not None and n.node.locals]
@@ -280,7 +282,7 @@ def _ac_runs_between_steps(at: VerificationSystem) -> bool:
 def _refuse_unbounded_axes(
     at: VerificationSystem, groups: tuple[Group, ...], kind: ProblemKind, diagnostics: Diagnostics
 ) -> None:
-    """Reports R007 for an axis without ends in a problem for which the proof does not cover it."""
+    """Reports R007 for an axis without ends if no proof of such a problem covers it."""
     symbol = at.module.symbol
     wrong = {
         "an SC that is to be found": symbol.synthesized,
@@ -288,7 +290,7 @@ def _refuse_unbounded_axes(
         "a plant that moves in steps (`next`)": kind != "flow",
         "`enters`": symbol.verify.enters is not None,
     }
-    for reason in (reason for reason, there in wrong.items() if there):
+    for reason in (reason for reason, is_so in wrong.items() if is_so):
         for group in groups:
             for axis in (a for a in group.axes if a.unbounded):
                 diagnostics.error(
@@ -300,7 +302,7 @@ def _refuse_unbounded_axes(
 
 
 def problem_of_sets(flat: System, module: Module) -> Problem:
-    """`extract` for a module that is proved by sets; `SoterError` R031 for any other."""
+    """The problem of a module that is proved by sets; `SoterError` R031 for any other module."""
     problem = extract(flat, module)
     require_proof_by_sets(problem)
     return problem
@@ -359,10 +361,10 @@ def _schemes_of_states(
 ) -> tuple[tuple[float, int, int], ...]:
     """For each state the step of its plant's scheme in s, the scheme's order, the plant's number.
 
-    The step is 0 (not covered) where SC may publish between two steps of the plant: in the
-    simulator its command then acts on the whole step. It is also 0 where the error of the plant's
-    scheme is not known (`grid/scheme_error.py`), and where a state may be many turns off, so
-    that its sums round by more.
+    The step is 0, that is not covered, where SC may publish between two steps of the plant, since
+    in the simulator its command then acts on the whole step. It is also 0 where the error of the
+    plant's scheme is not known (`grid/scheme_error.py`), and for a state whose axis wraps around,
+    as the sums of a state that is many turns off round by more.
     """
     schemes = []
     for state, leaf in enumerate(inputs.states):
@@ -393,7 +395,7 @@ def _check_case_count(at: VerificationSystem, inputs: Inputs, diagnostics: Diagn
 def _commands_to_try(
     at: VerificationSystem, inputs: Inputs, diagnostics: Diagnostics, *, synthesize: bool
 ) -> tuple[tuple[float, ...], ...]:
-    """The commands to try of each control: those declared, or the ends and middle of its range."""
+    """The commands to try for each control: the declared ones, or the ends and a middle value."""
     symbol = at.module.symbol
     calculator = Calculator(diagnostics, at.module.scope.params)
     declared: dict[tuple[int, tuple[str, ...]], tuple[float, ...]] = {}

@@ -1,9 +1,9 @@
-"""The inputs of a verification problem: which leaves, over which ranges; how far estimates are off.
+"""Finds the inputs of a verification problem with their ranges, and the errors of estimates.
 
 Purpose: `inputs_of` finds the states, controls, disturbances, errors, others and parameters of a
 verification system (docs/verification.md, section 1), and reports what the program leaves open.
-`errors_of` gives the largest error of each state's estimate, `topics_seen_by_dm` the topic that
-shows it to the DM.
+`errors_by_state` gives the largest error of each state's estimate, `topics_seen_by_dm` the topic
+that shows the state to the DM.
 Non-goals: grids (`axes.py`), enclosures (`verify/enclose/compiled_enclosures.py`), sets of
 estimates (`grid/estimate_sets.py`).
 """
@@ -38,7 +38,7 @@ PARAMETER_VALUES_MAX = 4096
 
 @dataclass(eq=False)
 class Inputs:
-    """The inputs' leaves and ranges, in the order of `Quantities`."""
+    """The leaves of all inputs and their ranges, in the order of `Quantities`."""
 
     states: list[Leaf] = field(default_factory=list)
     initial: list[Interval] = field(default_factory=list)
@@ -59,7 +59,7 @@ class Inputs:
     """States that no claim depends on (`left_out_states.py`)."""
 
     def without_states(self, left_out: Collection[int]) -> Inputs:
-        """These inputs without some states, which `left_out` notes."""
+        """A copy of these inputs in which the states `left_out` (numbers) are only noted."""
         kept = [s for s in range(len(self.states)) if s not in left_out]
         return replace(
             self,
@@ -82,10 +82,10 @@ class Inputs:
 
 
 def inputs_of(place: VerificationSystem, diagnostics: Diagnostics) -> Inputs:
-    """All inputs of a verification system; incomplete where there are diagnostics."""
+    """All inputs of a verification system; incomplete where this reports diagnostics."""
     inputs = Inputs()
     for c in place.plants:
-        _add_states(c, _mapped_start(place, c), inputs, diagnostics)
+        _add_states(c, _start_in_run(place, c), inputs, diagnostics)
     _add_outputs(place, inputs, diagnostics)
     for c in place.plants:
         _add_disturbances(c, inputs, diagnostics)
@@ -94,8 +94,8 @@ def inputs_of(place: VerificationSystem, diagnostics: Diagnostics) -> Inputs:
     return inputs
 
 
-def _mapped_start(place: VerificationSystem, c: Component) -> tuple[Value, ...] | None:
-    """The values with which a plant of the proof starts in a run; None: that is not known."""
+def _start_in_run(place: VerificationSystem, c: Component) -> tuple[Value, ...] | None:
+    """The values with which a plant of the proof starts in a run; None where they are not known."""
     for link in place.module.symbol.verify.abstracts if place.abstract else ():
         if link.name == c.name:
             return start_of_proof_plant(place.flat, place.home, link)
@@ -105,13 +105,13 @@ def _mapped_start(place: VerificationSystem, c: Component) -> tuple[Value, ...] 
 def _add_states(
     c: Component, mapped: tuple[Value, ...] | None, inputs: Inputs, diagnostics: Diagnostics
 ) -> None:
-    """Adds a plant's states; `mapped` are the values with which it starts in a run."""
+    """Adds a plant's states to `inputs`; `mapped`: their values at the start of a run, or None."""
     plant = c.plant
     assert plant is not None
     variables = zip(plant.states, c.initial, c.initial_range, mapped or c.initial, strict=True)
     for variable, initial, drawn, start in variables:
         moves = variable in plant.der or variable in plant.next
-        for (path, t), value, there in zip(
+        for (path, t), value, value_in_run in zip(
             leaves(variable.type),
             scalar_leaves(variable.type, initial),
             scalar_leaves(variable.type, start),
@@ -126,7 +126,7 @@ def _add_states(
                 inputs.states.append(leaf)
                 low, high = drawn or (value, value)
                 if mapped is not None:
-                    low, high = min(low, there), max(high, there)
+                    low, high = min(low, value_in_run), max(high, value_in_run)
                 inputs.initial.append(Interval(low, high))
                 if not moves:
                     inputs.still.add(len(inputs.states) - 1)
@@ -141,13 +141,14 @@ def _add_states(
                 )
             else:
                 _add_parameter(leaf, t, variable.span, inputs, diagnostics)
-                inputs.parameter_starts.append(tuple(sorted({int(value), int(there)})))
+                starts = {int(value), int(value_in_run)}
+                inputs.parameter_starts.append(tuple(sorted(starts)))
 
 
 def _add_parameter(
     leaf: Leaf, t: Type, span: Span, inputs: Inputs, diagnostics: Diagnostics
 ) -> None:
-    """Adds a parameter: a discrete state that never changes. Each value has a proof."""
+    """Adds a parameter: a discrete state that never changes. Each of its values has a proof."""
     values: tuple[int, ...] = ()
     if isinstance(t, BoolType):
         values = (0, 1)
@@ -237,7 +238,7 @@ def _add_errors(place: VerificationSystem, inputs: Inputs) -> None:
 
 
 def _topics_read(place: VerificationSystem) -> dict[int, typed.TypedExpr | None]:
-    """The topics that SC and the DM's predicates read, with an expression that reads each."""
+    """The topics that SC and the DM's predicates read, each with an expression that reads it."""
     symbol, module = place.module.symbol, place.module
     assert place.sc.node is not None
     reads: dict[int, typed.TypedExpr | None] = {}
@@ -277,11 +278,11 @@ def _add_other_topics(place: VerificationSystem, inputs: Inputs, diagnostics: Di
                 inputs.other_ranges.append(Interval(bound.low, bound.high))
 
 
-def errors_of(problem: Problem) -> dict[int, float]:
+def errors_by_state(problem: Problem) -> dict[int, float]:
     """The largest |estimate - state| of each state, by its number, in the state's unit.
 
-    It includes the rounding of the sum of state and error, and on an axis that wraps around also
-    the rounding where the estimate is brought back by whole turns.
+    The error includes the rounding of the sum of state and error. On an axis that wraps around it
+    also includes the rounding when the estimate is moved back by whole turns.
     """
     error_by_state: dict[int, float] = {}
     for state, (topic, leaf) in problem.topic_leaf_of_state.items():
@@ -300,7 +301,7 @@ def errors_of(problem: Problem) -> dict[int, float]:
 
 
 def topics_seen_by_dm(problem: Problem) -> dict[int, TopicSymbol]:
-    """The topic that shows each state, by its number, to the DM; its age counts in A."""
+    """The topic that shows a state to the DM, by the state's number; its age counts in A."""
     symbol = problem.module.symbol
     declared = {a.topic for g in symbol.verify.groups for a in g.axes if a.topic is not None}
     sc = problem.system.components[problem.module.sc]

@@ -1,8 +1,8 @@
 """States that a proof can leave out.
 
 Purpose: `states_to_leave_out` finds, of the states that nothing bounds (such as how far along a
-road), those that no rate of another state, no SC, no predicate and no declared set reads. It says
-of the other states who reads them.
+road), those that no rate of another state, no SC, no predicate and no declared set reads. For each
+of the other states it names a reader.
 Non-goals: whether a proof without them holds (whoever still reads a left out state gets any
 number).
 """
@@ -42,10 +42,10 @@ MOVING = "derivative"
 def states_to_leave_out(
     at: VerificationSystem, core: CoreSystem, quantities: Quantities, boundless: Collection[int]
 ) -> tuple[frozenset[int], dict[str, str]]:
-    """The states of `boundless` that can be left out, and for the others who reads them.
+    """The states of `boundless` that can be left out; for each other one, by name, who reads it.
 
-    The solutions of those left out have to last as long as a run, so their rates may grow no faster
-    than the states themselves do (Gronwall).
+    A state that is left out needs a solution that lasts as long as a run, so its rate may grow no
+    faster than the states that are left out (Gronwall).
     """
     try:
         readers = {s: _functions_that_read(at, core, quantities, s) for s in boundless}
@@ -66,7 +66,7 @@ def states_to_leave_out(
 
 
 def reader_in_words(readers: Collection[str], quantities: Quantities) -> str:
-    """Words for one of the functions of a proof that read a state."""
+    """The words for one of these functions of a proof, which all read the same state."""
     reader = min(readers, key=lambda r: (r.startswith("constraint"), r))
     name, _, number = reader.rpartition("_")
     if name == MOVING:
@@ -80,42 +80,44 @@ def reader_in_words(readers: Collection[str], quantities: Quantities) -> str:
 def _functions_that_read(
     at: VerificationSystem, core: CoreSystem, quantities: Quantities, state: int
 ) -> frozenset[str]:
-    """The names of a proof's functions that read a state, each state's rate among them."""
+    """The names of the functions of a proof that read a state; the rate of each state is one."""
     without = replace(
         quantities, states=tuple(x for s, x in enumerate(quantities.states) if s != state)
     )
     unit = generate_enclosures(at.system, core, at.module, without, apart=True)
     numbers = [s for s in range(len(quantities.states)) if s != state]
     names = {f"{MOVING}_{k}": f"{MOVING}_{s}" for k, s in enumerate(numbers)}
-    together = {MOVING, "drives"}  # what they say is in others
+    together = {MOVING, "drives"}  # other functions of the proof read the same
     return frozenset(names.get(name, name) for name in unit.boundless - together)
 
 
 def _lasts_for_ever(at: VerificationSystem, leaf: Leaf, others: Collection[Leaf]) -> bool:
-    """Whether a state that nothing bounds has a solution for all time, whatever else moves it."""
+    """Whether a state that nothing bounds has a solution for all time, whatever it reads."""
     plant = at.system.components[leaf.owner].plant
     assert plant is not None
     named = {x.member for x in others if x.owner == leaf.owner}
     variables = [v for v in plant.states if v.name in named]
     lets = dict(plant.lets)
     rate = next((e for v, e in plant.der.items() if v.name == leaf.member), None)
-    return rate is None or (_is_total(rate, lets) and _degree_of_growth(rate, variables, lets) <= 1)
+    return rate is None or (
+        _is_finite(rate, lets) and _degree_of_growth(rate, variables, lets) <= 1
+    )
 
 
-def _is_total(e: typed.TypedExpr, lets: Mapping[typed.Variable, typed.TypedExpr]) -> bool:
-    """Whether an expression surely has a finite value whatever it reads."""
+def _is_finite(e: typed.TypedExpr, lets: Mapping[typed.Variable, typed.TypedExpr]) -> bool:
+    """Whether an expression certainly has a finite value, whatever finite values it reads."""
     if isinstance(e, typed.VarRead):
-        return e.variable not in lets or _is_total(lets[e.variable], lets)
+        return e.variable not in lets or _is_finite(lets[e.variable], lets)
     if isinstance(e, typed.TopicRead) or not _reads_anything(e):
         return True
     parts = _subexpressions(e)
     divides = isinstance(e, (typed.TypedBinary, typed.Vector)) and e.op in ("/", "%")
     if isinstance(e.type, IntType) or (divides and _reads_anything(parts[1])):
         return False
-    return _is_total_if_parts_are(e) and all(_is_total(part, lets) for part in parts)
+    return _is_finite_if_parts_are(e) and all(_is_finite(part, lets) for part in parts)
 
 
-def _is_total_if_parts_are(e: typed.TypedExpr) -> bool:
+def _is_finite_if_parts_are(e: typed.TypedExpr) -> bool:
     if isinstance(e, typed.Index):
         return not _reads_anything(e.index)
     if isinstance(e, typed.TypedCall):
@@ -130,18 +132,18 @@ def _reads_anything(e: typed.TypedExpr) -> bool:
 
 
 def _degree_of_growth(
-    e: typed.TypedExpr, of: Variables, lets: Mapping[typed.Variable, typed.TypedExpr]
+    e: typed.TypedExpr, grown: Variables, lets: Mapping[typed.Variable, typed.TypedExpr]
 ) -> float:
-    """The highest power of these variables by which `e` may grow; inf: that is unknown."""
+    """The highest power of these variables with which `e` may grow; inf where it is not known."""
     if isinstance(e, typed.VarRead):
         return (
-            _degree_of_growth(lets[e.variable], of, lets)
+            _degree_of_growth(lets[e.variable], grown, lets)
             if e.variable in lets
-            else e.variable in of
+            else e.variable in grown
         )
     if not _reads_anything(e):
         return 0
-    of_parts = [_degree_of_growth(part, of, lets) for part in _subexpressions(e)]
+    of_parts = [_degree_of_growth(part, grown, lets) for part in _subexpressions(e)]
     if not any(of_parts):
         return 0
     if isinstance(e, (typed.TypedBinary, typed.Vector)) and e.op in ("*", "/"):
@@ -151,10 +153,10 @@ def _degree_of_growth(
         return {**dict.fromkeys(BOUNDED, 0), "clamp": max(of_parts)}.get(e.fun.name, inf)
     if isinstance(e, typed.Conditional):
         return max(of_parts[1:])
-    return max(of_parts) if _grows_like_its_parts(e) else inf
+    return max(of_parts) if _grows_as_its_parts_do(e) else inf
 
 
-def _grows_like_its_parts(e: typed.TypedExpr) -> bool:
+def _grows_as_its_parts_do(e: typed.TypedExpr) -> bool:
     if isinstance(e, (typed.TypedBinary, typed.Vector)):
         return e.op in ("+", "-")
     if isinstance(e, typed.Builtin):

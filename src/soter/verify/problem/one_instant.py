@@ -1,20 +1,20 @@
-"""Whether what DM and SC read together shows one instant, or may have an age for each topic.
+"""Checks that the topics which DM or SC read together show the plants at one instant.
 
-Purpose: R016 where what the DM reads may show several instants and nothing at run time would tell,
-and where what SC reads may, though the proof reads one state of it.
+Purpose: `check_one_instant` reports R016 where the DM's topics may show several instants and no
+check at run time finds that, or where SC's topics may and the proof follows a single state.
 Non-goals: how old each read is (`schedule.py`); how the DM looks at stamps
 (`language/model/read_together.py`).
 
-*The DM.* A proof takes its estimate for one state, plus an error. Topics that plants of one period
+*The DM.* For a proof the DM's estimate is one state plus an error. Topics that plants of one period
 and phase drive are published in the same instants; where one of them fell silent, their stamps
 differ, and the DM calls them stale. A node's stamp says nothing of what the node had read. So what
 comes through nodes has to come the same way, and where sensors may be silent (`dropout`) through
 nodes that hear one topic of plants alone. One number may come several ways: that a node shows the
 plant by it is an assumption, printed.
 
-*SC.* It acts on what it has, stale or not. Chains and tubes give each state of a read an age of its
-own, so topics may have one each, if no state is in two of them; and so may the numbers of a topic
-that a node made of several reads.
+*SC.* It acts on what it has, stale or not. Chains and tubes give each state that is read its own
+age. So each topic may have its own age, if no state is in two topics. The same holds for the
+numbers of one topic that a node made of several reads.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def check_one_instant(
     """Reports R016 where one read may show several instants and the proof does not cover that."""
     for who, ways in (("the DM", chains.by_dm), ("SC", chains.by_sc)):
         if not place.abstract:
-            _check_periods(
+            _require_equal_periods(
                 place, who, list(dict.fromkeys(w.topic.index for w in ways)), diagnostics
             )
     if diagnostics.has_errors:
@@ -66,7 +66,7 @@ def check_one_instant(
 def _may_show_several_instants(
     place: VerificationSystem, ways: Sequence[CauseEffectChain], dropout: int
 ) -> bool:
-    """Whether an estimate of several numbers may show several instants untold."""
+    """Whether the numbers that the DM reads may show several instants, which no stamp reveals."""
     topics = dict.fromkeys(w.topic for w in ways)
     numbers = sum(len(list(leaves(topic.type))) for topic in topics)
     by_nodes = dropout if any(w.nodes for w in ways) else 0
@@ -78,7 +78,7 @@ def _may_show_several_instants(
 def _count_of_instants(
     place: VerificationSystem, ways: Sequence[CauseEffectChain], dropout: int
 ) -> int:
-    """How many instants a read may show: as many as paths, or as topics that may fall silent."""
+    """The largest number of instants in one read: of paths, or of topics that may fall silent."""
     every = {(w.path.sensor, w.nodes) for w in ways}
     if not dropout:
         return len(every)
@@ -96,7 +96,7 @@ def _sensed_topics(place: VerificationSystem, way: CauseEffectChain) -> set[str]
 
 
 def _why_one_age(place: VerificationSystem, ways: Sequence[CauseEffectChain], dropout: int) -> str:
-    """Why the proof of SC needs the same age for all that SC reads; "" where it does not."""
+    """Why the proof of SC needs one age for everything that SC reads; "" where it does not."""
     seen: dict[tuple[Component, typed.Variable], tuple[int, int]] = {}
     for topic in dict.fromkeys(w.topic.index for w in ways):
         plant = place.driven[topic]
@@ -153,13 +153,10 @@ def _refuse_several_instants(
     )
 
 
-def _check_periods(
+def _require_equal_periods(
     place: VerificationSystem, who: str, topics: Sequence[int], diagnostics: Diagnostics
 ) -> None:
-    """Reports R016 where plants publish parts of one read at different instants.
-
-    As plants start together, those with the same period publish at the same instants.
-    """
+    """Reports R016 where plants with different periods or phases publish parts of one read."""
     first, *others = topics or (None,)
     for index in others:
         assert first is not None

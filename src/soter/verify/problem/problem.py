@@ -1,4 +1,4 @@
-"""The verification problem of one module, and what its proof takes for granted, as plain data.
+"""The verification problem of one module, and the assumptions of its proof, as plain data.
 
 Purpose: `extract.py` makes a `Problem` from a program, and all of `verify/` works on it
 (docs/verification.md, section 1). `Quantities` says which leaf of a plant or topic each input of
@@ -69,9 +69,9 @@ class Quantities:
 
 ProblemKind = Literal["flow", "map", "nodes", "tubes"]
 FARTHEST: Final = 2.0**1000
-"""A state whose axis has no ends is assumed to be below it: a sum of two is still a double."""
+"""A proof assumes that a state whose axis has no ends stays below this: two sum to a double."""
 NODES: Final = "nodes"
-"""`Problem.kind` of a proof by induction, about what nodes publish and keep: no plant, no sets."""
+"""`Problem.kind` of a proof by induction, about topics and locals of nodes: no plants, no sets."""
 TUBES: Final = "tubes"
 """`Problem.kind` of a proof by tubes, whose DM follows SC from each estimate: no sets."""
 
@@ -86,14 +86,11 @@ class Interval:
 
 @dataclass(frozen=True)
 class Times:
-    """Every time of a proof in ns, derived from `schedule`; `declared`: the names of declared ones.
-
-    Their symbols are those of docs/proof.md, "The model of time".
-    """
+    """Every time of a proof in ns, derived from `schedule` (docs/proof.md, "The model of time")."""
 
     schedule: Schedule
     horizon: int | None = None
-    """H as declared; None: as long as is needed."""
+    """The declared H; None if the program declares none, so that H is H*."""
     declared: frozenset[str] = frozenset()
     rests: tuple[str, ...] = ()
     """Assumptions behind these times where execution times are declared, in words."""
@@ -149,9 +146,9 @@ class Times:
         return min(o.least for o in self.schedule.outputs)
 
     @property
-    def acted(self) -> int:
-        """W, of a shield: a command that was replaced longer ago than this acts no more."""
-        return self.schedule.acted
+    def replaced_window(self) -> int:
+        """W, of a shield: a command that was replaced longer ago than this no longer acts."""
+        return self.schedule.replaced_window
 
     @property
     def phase_dm(self) -> int:
@@ -165,17 +162,17 @@ class Times:
 
     @property
     def h_star(self) -> int:
-        """H*, or h_0 where that is longer and "AC" does not show that SC's topics have a state."""
+        """H*, the least H; or h_0 where that is longer and SC reads topics that the DM does not."""
         return self.schedule.least_horizon
 
     @property
     def horizon_ns(self) -> int:
-        """H, the look-ahead."""
+        """H, the look-ahead: the declared one, else the least one."""
         return self.h_star if self.horizon is None else self.horizon
 
     @property
     def delay_sc(self) -> int:
-        """d: how old at most the state is that a command answers when the command begins to act."""
+        """d: the greatest age of the state that a command answers when it begins to act."""
         return self.schedule.delay
 
     @property
@@ -190,12 +187,12 @@ class Times:
 
     @property
     def between_states(self) -> int:
-        """Gives Delta + A + J_dm: the longest time between two states that the DM reads."""
+        """The longest time between two states that the DM reads in turn: Delta + A + J_dm."""
         return self.schedule.longest_between_states
 
     @property
     def start(self) -> int:
-        """h_0: the time by which an output of SC has acted that answers a state, not a default."""
+        """h_0: the time by which a first command of SC acts that answers a state, not a default."""
         return self.schedule.start
 
 
@@ -209,18 +206,18 @@ class Axis:
     edges: tuple[float, ...]
     """The breakpoints, strictly increasing; n + 1 of them for n cells."""
     open: bool = False
-    """Whether no run is assumed to pass the last breakpoint: nothing is claimed beyond it."""
+    """Whether no run is assumed to pass the last breakpoint, beyond which nothing is claimed."""
     unbounded: bool = False
-    """Whether the outer cells have no outer end, so that all beyond belongs to them."""
+    """Whether the outermost cells have no outer end, so that they hold all values beyond."""
     wraps: bool = False
-    """Whether it is a full turn, of which nothing reads how many its state has made."""
+    """Whether the axis is a full turn, and nothing reads how many turns its state has made."""
     unit: str = ""
     """The unit that the program declares for the state, for people."""
     written: tuple[tuple[float, str], ...] = ()
     """The ends that the program writes, each with its text."""
 
     def end_in_words(self, value: float) -> str:
-        """An end in the words of the program where it writes that end; otherwise six digits."""
+        """The text of an end as the program writes it, else the number with six digits."""
         return dict(self.written).get(value, f"{value:.6g}")
 
     @property
@@ -249,11 +246,11 @@ class DiscreteParameter:
 
 @dataclass(frozen=True)
 class Jumps:
-    """The jumps of an abstraction's state, where its map reads topics that change at once.
+    """The jumps of an abstraction's state, which come when topics that its map reads change.
 
-    `assumptions`: those about the jumps. `entered`: for those that say that the state then lies in
-    R(H), by key, the text where that is shown. `unkept`: why `enters` shows nothing of the topics
-    of some abstraction; "" where there is no such abstraction.
+    `assumptions`: the assumptions about jumps. `entered`: for each one that says that the state
+    lies in R(H) after a jump, by key, the text if that is shown. `unkept`: why `enters` shows
+    nothing of the topics of some abstraction; "" where there is no such abstraction.
     """
 
     assumptions: tuple[Assumption, ...] = ()
@@ -290,9 +287,9 @@ class Problem:
     """The groups as the program has them, if smaller cells were chosen; else empty."""
     levels: int = LEVELS_DEFAULT
     levels_open: bool = False
-    """Whether the program leaves that number open: `choose_cells_and_levels.py` chooses it then."""
+    """Whether the program leaves the levels open, so `choose_cells_and_levels.py` chooses them."""
     cells_open: bool = True
-    """Whether smaller cells than declared may be chosen there."""
+    """Whether `choose_cells_and_levels.py` may choose smaller cells than declared."""
     has_core_hint: bool = False
     computed: bool = False
     """Whether the module has neither `ttf` nor `safer`, so that they are computed."""
@@ -309,20 +306,20 @@ class Problem:
     view: str = ""
     """The name of the view, if it is one; else ""."""
     beside: Mapping[str, str] = field(default_factory=dict)
-    """For topics of SC that no plant drives the node that publishes them in every step."""
+    """For each topic of SC that no plant drives, the node that publishes it in every step."""
     whole: System | None = None
     """For a view the verification system with all of the module's predicates; else None."""
     jumps: Jumps = field(default_factory=Jumps)
     modes: Modes | None = None
-    """The modes of other modules that the module reads; None: it reads none."""
+    """The modes of other modules that the module reads; None if it reads none."""
     influences: tuple[Influence, ...] = ()
-    """What others publish that moves the plants: the last disturbances of each plant."""
+    """The topics by which others move the plants: the last disturbances of each plant."""
     turns_read: Mapping[str, str] = field(default_factory=dict)
-    """For each state whose axis is a full turn and does not wrap, by name, who reads its turns."""
+    """For each angle whose axis does not wrap, by its name, a function that reads its turns."""
     commands: tuple[tuple[float, ...], ...] = ()
     """For synthesis the commands to try of each control."""
     parameter_starts: tuple[tuple[int, ...], ...] = ()
-    """The first values of each parameter: the declared one, and that by the map from what flies."""
+    """The first values of each parameter: the declared one, and the one in runs that fly."""
     still: frozenset[int] = frozenset()
     """The states that never change: constants of a run."""
     schemes: tuple[tuple[float, int, int], ...] = ()
@@ -335,9 +332,9 @@ class Problem:
     progress_texts: tuple[str, ...] = ()
     """The texts of the conditions that P2b takes for granted at all times (`progress`)."""
     law: Problem | None = None
-    """The same module with its fail-safe law in the place of SC; None: none is declared."""
+    """The same module with its fail-safe law in the place of SC; None if it declares none."""
     law_unread: str = ""
-    """Why a declared law determines no such problem; "": it does."""
+    """Why a declared law determines no such problem; "" where it does."""
 
     def may_start_with(self, parameter: tuple[int, ...]) -> bool:
         """Whether a run may start with these values of the parameters."""
@@ -346,24 +343,25 @@ class Problem:
 
     @property
     def return_predicate(self) -> str:
-        """The predicate under which P2b gives control back: `back` waits for other modes."""
+        """The name of the predicate of P2b: `back` if `safer` waits for other modes, or `safer`."""
         return "back" if self.modes is not None and self.modes.waits else "safer"
 
     @property
     def advice_where_empty(self) -> str:
-        """Advice for an empty S_j; it speaks of fewer levels only if their number is declared."""
+        """Advice for an empty S_j; it names fewer levels only if the program declares more."""
         fewer = "" if self.levels_open or self.levels <= LEVELS_LEAST else "fewer levels, "
         return f"{fewer}a smaller period, smaller errors, a stronger SC"
 
     @property
     def lead_ns(self) -> int:
-        """How much longer than H, in ns, a command must be harmless that others are moved toward.
+        """The time in ns, beyond H, for which a command has to be harmless to be a moved command.
 
-        Until AC's next step it is not replaced, it may act for some time after that, and the
-        estimate that it answers has an age. No claim depends on this time.
+        It is not replaced until AC's next step, may act for some time after that, and answers an
+        estimate that has an age. No claim depends on this time.
         """
         period: int = self.system.components[self.module.ac].period_ns
-        return period + (0 if self.kind == "map" else self.times.acted + self.times.age_dm)
+        times = self.times
+        return period + (0 if self.kind == "map" else times.replaced_window + times.age_dm)
 
     def whole_periods(self, ns: int) -> int:
         """Rounds a time in ns up to whole periods of a map; a flow keeps it as it is."""
@@ -374,7 +372,7 @@ class Problem:
 
 @dataclass(frozen=True)
 class Assumption:
-    """One assumption: its `key`, the same for the same thing in every proof, and its `text`."""
+    """One assumption: `text`, and a `key` that is the same in every proof with this assumption."""
 
     key: str
     text: str
@@ -386,12 +384,12 @@ ORDER = 4
 SCHEME = Assumption("scheme", in_words("scheme"))
 """The assumption of a proof that is about the differential equation alone."""
 EVERY_SOLUTION = Assumption(SCHEME.key, in_words("every solution"))
-"""`SCHEME` of a proof that does not need solutions to be unique, as where SC comes to rest."""
+"""The same for a proof that does not need solutions to be unique, as where SC comes to rest."""
 FRESH = Assumption("fresh", in_words("fresh"))
 
 
 def latch_assumptions(module: ModuleSymbol) -> list[Assumption]:
-    """The assumption that the operator acknowledges, if the DM gives control back only then."""
+    """The assumptions that the operator acknowledges, if the DM waits for that to give control."""
     return [
         Assumption(f"acknowledged {topic.name}", in_words("acknowledged", topic.name))
         for topic in module.acknowledgements
@@ -401,9 +399,9 @@ def latch_assumptions(module: ModuleSymbol) -> list[Assumption]:
 def assumptions_left(
     before: Iterable[Assumption], *, added: Iterable[Assumption], shown: Collection[str]
 ) -> tuple[Assumption, ...]:
-    """The assumptions of a problem without those whose keys were `shown`, and the `added` ones.
+    """The assumptions `before` without those whose keys were `shown`, and the `added` ones.
 
-    `KeyError` where no assumption has a key that was shown, or several have it.
+    `KeyError` where none of them, or more than one, has a key that was shown.
     """
     before = tuple(dict.fromkeys(before))
     keys = [a.key for a in before]
@@ -420,9 +418,9 @@ def assumption_texts(assumptions: Iterable[Assumption]) -> list[str]:
 
 @dataclass(frozen=True)
 class ScopeGuarantee:
-    """A fact that a module relies on and that another part of the system or the world has to keep.
+    """A fact `what` that a module relies on and that `by`, outside of the module, has to keep.
 
-    `how` says who sees to it: "enforced" (the language lets no other value arrive), "declared" (a
+    `how` says why it holds: "enforced" (the language lets no other value arrive), "declared" (a
     range of the world, printed as an assumption), "guaranteed" (a part of the `safe` of the module
     `by`, if that is proved), "published" (the proof of the module `by` is about the plant that
     drives the topic, if that is proved) or "assumed".
@@ -436,7 +434,7 @@ class ScopeGuarantee:
 
 @dataclass(frozen=True)
 class VerificationScope:
-    """What a report covers; `also`: modules elsewhere with the same problem; `rest`: uncovered."""
+    """The scope of a report. `also`: further modules with the same problem; `rest`: uncovered."""
 
     also: tuple[str, ...] = ()
     rest: tuple[str, ...] = ()
@@ -449,9 +447,9 @@ class VerificationScope:
 class Modes:
     """The modes and margins of other modules that a module reads.
 
-    `topics`: the module's name for each topic that stands for a mode; `margins`: the assumption for
-    each topic that stands for a margin; `waits`: the modules whose modes `safer` reads; `never`:
-    why these may never all be in AC; "": nothing speaks against it.
+    `topics`: for each topic that stands for a mode the module's name. `margins`: for each topic
+    that stands for a margin its assumption. `waits`: the modules whose modes `safer` reads.
+    `never`: why these may never all be in AC; "" if no reason is known.
     """
 
     topics: Mapping[typed.TopicSymbol, str] = field(default_factory=dict)

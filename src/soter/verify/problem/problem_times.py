@@ -1,4 +1,4 @@
-"""The times of a problem (docs/verification.md, Times), and whether the trusted thread keeps them.
+"""Derives the times of a problem (docs/verification.md, Times) and checks the thread against them.
 
 Purpose: `times_of` derives the `Times` of a module in its verification system. Where a system
 declares execution times, `check_deployed_times` compares the latest start and the longest step of
@@ -8,9 +8,9 @@ Non-goals: measuring anything: lateness and response times are declared, and ass
 of the thread (`soter.timing`).
 
 A component of the thread keeps J and R when its latest start is at most J after its release, and
-its `wcet` at most R. SC may wait longer: until every DM released at or before it must have spoken
-(docs/proof.md). A node that runs behind SC in the same instant has no times of its own in a proof:
-what it publishes counts as SC's output, so it has to be there R_sc after the start of SC.
+its `wcet` at most R. SC may wait longer, until each DM released at or before SC has given its
+verdict (docs/proof.md). A node that runs behind SC in the same instant has no times of its own in a
+proof. Its publication counts as SC's output, so it has to come at most R_sc after the start of SC.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from soter.verify.problem.cause_effect_chains import (
 from soter.verify.problem.one_instant import check_one_instant
 from soter.verify.problem.problem import Times
 from soter.verify.problem.schedule import Releases, Schedule
-from soter.verify.problem.time_checks import check_times, map_times
+from soter.verify.problem.time_checks import check_times, times_of_map
 from soter.verify.problem.verification_system import read_by_dm, read_by_sc
 
 if TYPE_CHECKING:
@@ -54,9 +54,9 @@ Pair = tuple[int, int]
 class AssumedTimes:
     """The times that a proof of a module counts with.
 
-    `nodes`: those of followed nodes in the thread, by full name; `in_step`: the names of nodes
-    behind SC in its instant; `elsewhere`: the times of followed nodes in processes of their own,
-    zero for one that counts as a node behind SC in its instant.
+    `nodes`: the times of followed nodes in the thread, by full name. `in_step`: the names of nodes
+    that run behind SC in its instant. `elsewhere`: the times of followed nodes in other processes;
+    they are zero for a node that runs behind SC in its instant.
     """
 
     dm: Pair
@@ -68,27 +68,24 @@ class AssumedTimes:
 
 @dataclass(frozen=True)
 class DeployedTimes:
-    """The least times that a proof of a module may count with, as in `AssumedTimes`.
-
-    They mean nothing where `timing` has a miss.
-    """
+    """The least times that a proof may count with; meaningless where `timing` has a miss."""
 
     timing: Timing
     dm: Pair
     sc: Pair
     nodes: dict[str, Pair]
     late_at: dict[str, int]
-    """The release at which each starts that late, by "dm", "sc" or the name of a node."""
+    """The release with the latest start, in ns, of "dm", of "sc" or of a node, by name."""
     handed_over: int | None
-    """The longest time from a release of the DM to SC's start at its next release, if it is known;
-    SC has the verdict then, as the thread works in order."""
+    """The longest time in ns from a release of the DM to SC's start at its next release, when SC
+    has the verdict, as the thread works in order. None: it is not known."""
 
 
 def deployed_times(flat: System, module: Module, assumed: AssumedTimes) -> DeployedTimes | None:
-    """The times that a proof has to count with by the declared execution times of a system.
+    """The least times that the declared execution times of a system allow a proof to count with.
 
-    None where the thread declares none. J of SC leaves out how long SC waits for the DM's verdict,
-    which is there by the later of two times: that of `assumed`, and that of the calendar.
+    None where the thread declares none. J of SC leaves out how long SC waits for the DM's verdict.
+    The verdict is there by the later of the times in `assumed` and in the calendar.
     """
     if not flat.timed:
         return None
@@ -103,10 +100,10 @@ def deployed_times(flat: System, module: Module, assumed: AssumedTimes) -> Deplo
     late_at = {"dm": _latest_release(timing, dm), "sc": _latest_release(timing, sc)}
     late_at |= {n: _latest_release(timing, flat.component(n)) for n in assumed.nodes}
     if timing.exact and steps:
-        worst = max(steps, key=lambda s: _other_lateness(s, dm, ready))
-        late, late_at["sc"] = _other_lateness(worst, dm, ready), worst.release
+        worst = max(steps, key=lambda s: _lateness_without_waiting(s, dm, ready))
+        late, late_at["sc"] = _lateness_without_waiting(worst, dm, ready), worst.release
     response = max(
-        [response, *(_delay_behind(flat, sc, flat.component(n)) for n in assumed.in_step)]
+        [response, *(_time_from_sc_to_end_of(flat, sc, flat.component(n)) for n in assumed.in_step)]
     )
     nodes = {n: _times_in_thread(timing, flat.component(n)) for n in assumed.nodes}
     handed_over = max((_wait_for_dm(s, dm, sc) for s in steps), default=0) if timing.exact else None
@@ -114,38 +111,38 @@ def deployed_times(flat: System, module: Module, assumed: AssumedTimes) -> Deplo
 
 
 def _wait_for_dm(step: ScheduledStep, dm: Component, sc: Component) -> int:
-    """The time from the first DM release after SC's previous step to the start of this step."""
+    """The time in ns from the DM's first release after SC's last to SC's start; 0: no release."""
     after = step.release - sc.period_ns
     first = after + 1 + (dm.phase_ns - after - 1) % dm.period_ns
     return step.start - first if first <= step.release else 0
 
 
 def _times_in_thread(timing: Timing, c: Component) -> Pair:
-    """How late a component of the thread starts at worst, and its `wcet`."""
+    """The greatest lateness of a component of the thread, and its `wcet`, in ns."""
     row = timing.row(c)
     assert row is not None
     return (0 if row.worst is None else row.worst.start), row.task.wcet
 
 
 def _latest_release(timing: Timing, c: Component) -> int:
-    """The release after which a component starts latest."""
+    """The release, in ns, after which a component starts latest."""
     row = timing.row(c)
     assert row is not None
     return 0 if row.worst is None else row.worst.at
 
 
-def _other_lateness(step: ScheduledStep, dm: Component, ready: int) -> int:
-    """How late SC starts in a step that does not wait for the DM; 0 for a step that waits."""
+def _lateness_without_waiting(step: ScheduledStep, dm: Component, ready: int) -> int:
+    """The lateness of SC in ns in a step that does not wait for the DM's verdict, else 0."""
     due = step.release - (step.release - dm.phase_ns) % dm.period_ns
     waits = due >= dm.phase_ns and step.start <= due + ready
     return 0 if waits else step.start - step.release
 
 
-def _delay_behind(flat: System, sc: Component, node: Component) -> int:
-    """The longest time from SC's start to the end of a node that is released with it and follows.
+def _time_from_sc_to_end_of(flat: System, sc: Component, node: Component) -> int:
+    """The longest time in ns from SC's start to the end of a node that runs behind it.
 
-    Components between the two that may be released in the same instant count; steps of earlier
-    releases do not, as they are over when SC starts.
+    Each component between the two counts that may be released with SC; steps of earlier releases
+    do not count, as they are over when SC starts.
     """
     between = [
         c
@@ -164,9 +161,10 @@ def _delay_behind(flat: System, sc: Component, node: Component) -> int:
 def check_deployed_times(
     flat: System, module: Module, assumed: AssumedTimes, diagnostics: Diagnostics
 ) -> list[str]:
-    """The assumptions behind the times of a proof; empty without declared execution times.
+    """Checks the thread against the times of a proof; returns the assumptions, in words.
 
-    R034 where the thread's steps do not fit, R033 where it does not keep the times of the proof.
+    There are none without declared execution times. R034 where the thread's steps do not fit, R033
+    where it does not keep the times of the proof.
     """
     _check_other_processes(flat, module, assumed, diagnostics)
     deployment = deployed_times(flat, module, assumed)
@@ -219,7 +217,7 @@ def _refuse_unknown_calendar(flat: System, module: Module, diagnostics: Diagnost
 def _check_other_processes(
     flat: System, module: Module, assumed: AssumedTimes, diagnostics: Diagnostics
 ) -> None:
-    """Reports R033 where a node elsewhere declares longer times than the proof counts with."""
+    """Reports R033 where a node of another process declares longer times than the proof uses."""
     parts = {n: flat.component(n) for n in assumed.elsewhere}
     pairs = {n: (assumed.elsewhere[n], (c.jitter_ns, c.wcet_ns or 0)) for n, c in parts.items()}
     if wrong := list(_exceeded_times(pairs, {})):
@@ -233,7 +231,7 @@ def _check_other_processes(
 
 
 def _exceeded_times(pairs: dict[str, tuple[Pair, Pair]], late_at: dict[str, int]) -> Iterator[str]:
-    """A sentence for each time that is longer than the proof's, with its release if known."""
+    """A sentence for each time that is longer than in the proof, with its release if known."""
     for name, (assumed, needed) in pairs.items():
         who = {"dm": "the DM", "sc": "SC"}.get(name, f"`{name}`")
         if needed[0] > assumed[0]:
@@ -250,7 +248,7 @@ def _exceeded_times(pairs: dict[str, tuple[Pair, Pair]], late_at: dict[str, int]
 
 
 def _time_lines(flat: System, module: Module, pairs: dict[str, tuple[Pair, Pair]]) -> list[str]:
-    """The lines `late` and `response` of a `verify` block that are long enough."""
+    """The lines `late` and `response` of a `verify` block with times that are long enough."""
     home = name_of_subsystem(module)
     lines = []
     for k, word in enumerate(("late", "response")):
@@ -270,7 +268,7 @@ DELAYS = ("late_dm", "late_sc", "response_dm", "response_sc", "acts")
 def times_of(
     place: VerificationSystem, kind: ProblemKind, diagnostics: Diagnostics
 ) -> tuple[Times, CauseEffectChains]:
-    """Every time of a proof in ns, and the paths behind them; R011 where an age has no bound."""
+    """Every time of a proof in ns and the paths of data behind it; reports times not covered."""
     module, verify = place.module, place.module.symbol.verify
     calculator = Calculator(diagnostics, module.scope.params)
 
@@ -287,7 +285,7 @@ def times_of(
         _refuse_unfollowed(place, error, diagnostics)
         chains = CauseEffectChains()
     if verify.age is not None:
-        chains = _with_age_of_sc(chains, ns(verify.age))
+        chains = _chains_with_age_of_sc(chains, ns(verify.age))
     outputs = actuation_paths(chains, ns(verify.acts_least), delays["acts"])
     dm_component = place.system.components[module.dm]
     schedule = Schedule(
@@ -300,7 +298,7 @@ def times_of(
     )
     rests: list[str] = []
     if not diagnostics.has_errors:
-        assumed = assumed_of(schedule, chains)
+        assumed = assumed_times_of(schedule, chains)
         rests = check_deployed_times(place.flat, place.home, assumed, diagnostics)
     declared = [name for name in DELAYS if getattr(verify, name) is not None]
     declared += [] if nodes_without_times(place, chains) else ["nodes"]
@@ -309,10 +307,10 @@ def times_of(
     if not diagnostics.has_errors:
         check_times(place, kind, times, chains, diagnostics)
         check_one_instant(place, chains, schedule.dropout, diagnostics)
-    return (map_times(times) if kind == "map" else times), chains
+    return (times_of_map(times) if kind == "map" else times), chains
 
 
-def assumed_of(schedule: Schedule, chains: CauseEffectChains) -> AssumedTimes:
+def assumed_times_of(schedule: Schedule, chains: CauseEffectChains) -> AssumedTimes:
     """The times that the proof counts with, for DM, SC and all nodes on the paths."""
     on_chains = [
         pair
@@ -336,7 +334,9 @@ def assumed_of(schedule: Schedule, chains: CauseEffectChains) -> AssumedTimes:
 def nodes_without_times(place: VerificationSystem, chains: CauseEffectChains) -> list[str]:
     """The names of nodes on the paths for which not both times are declared."""
     nodes = dict.fromkeys([*chains.nodes, *chains.behind])
-    return [n.name for n in nodes if None in (place.declared(n, w) for w in ("late", "response"))]
+    return [
+        n.name for n in nodes if None in (place.declared_time(n, w) for w in ("late", "response"))
+    ]
 
 
 def _check_max_age(place: VerificationSystem, index: int, diagnostics: Diagnostics) -> None:
@@ -351,8 +351,8 @@ def _check_max_age(place: VerificationSystem, index: int, diagnostics: Diagnosti
         )
 
 
-def _with_age_of_sc(chains: CauseEffectChains, most_ns: int) -> CauseEffectChains:
-    """The chains, those of SC with `most_ns` as the largest age that SC reads."""
+def _chains_with_age_of_sc(chains: CauseEffectChains, most_ns: int) -> CauseEffectChains:
+    """A copy of the chains in which SC reads nothing that is older than `most_ns`."""
     younger = [
         replace(c, path=replace(c.path, max_age=min(c.path.max_age or most_ns, most_ns)))
         for c in chains.by_sc

@@ -1,4 +1,4 @@
-"""The model of time: who runs when, and every time that a proof needs, derived from it.
+"""Models when components run, and derives every time that a proof needs.
 
 Purpose: a `Schedule` has the releases, phases, lateness, response and latencies of a module, and
 the paths from sensors to it and from it to the plant. From these it derives A, A_sc, d, j, H*, h_0,
@@ -7,8 +7,8 @@ symbols. An exhaustive enumerator that knows the definitions only
 (tests/generators/schedule_systems.py) checks that the figures hold and are reached.
 Non-goals: where the numbers come from (`problem_times.py`), sets.
 
-Throughout, g is the gcd of two periods: the differences between releases of one and of the other
-are the numbers o + k g, o the difference of the phases modulo g, and each of them occurs.
+Throughout this file g is the gcd of two periods, and o the difference of the phases modulo g. The
+differences between releases of the two components are the numbers o + k g, and each occurs.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class SensorPath:
         return self.nodes[-1] if self.nodes else self.sensor
 
     def state_age(self, reader: Releases, late: int) -> int:
-        """How old the state is that a reader sees which starts up to `late` after its release.
+        """The greatest age of the state that a reader sees, which starts up to `late` ns late.
 
         The bound is summed hop by hop. A node publishes at p what it read at its start s <= p. If
         the reader starts at t, and the node's release is r, then t - state = (t - r) + (r - state).
@@ -74,16 +74,16 @@ class SensorPath:
             _longest_age_of_sample(self.sensor, stations[0], late if not self.nodes else 0)
             + self.dropout
         )
-        for here, there in pairwise(stations):
-            age += _longest_hop(here, there, late if there is reader else 0)
+        for sender, receiver in pairwise(stations):
+            age += _longest_hop(sender, receiver, late if receiver is reader else 0)
         return age
 
     @property
     def published_age(self) -> int:
-        """P: the age of the published state: that at the last node's start, and the response.
+        """P: the greatest age of the published state, from the last node's start; 0 without nodes.
 
-        Silence of a sensor that is read directly shows in the stamp, silence behind a node does
-        not.
+        The stamp shows how long a sensor that is read directly was silent. It does not show the
+        silence of a sensor behind a node.
         """
         if not self.nodes:
             return 0
@@ -93,10 +93,10 @@ class SensorPath:
         )
 
     def stamp_age(self, reader: Releases, late: int) -> int:
-        """How old the last publication is when the reader starts, if no sensor falls silent.
+        """The greatest age of the last publication at a reader's start, if no sensor is silent.
 
-        Behind a sensor this is the state's age. A publication of a node with the release r comes at
-        r or later; at the start t the next one is not yet seen. So t - r bounds the age.
+        Right behind a sensor this is the age of the state. A node publishes at its release r or
+        later, and the reader's start t does not yet see the next publication. So t - r is a bound.
         """
         if not self.nodes:
             return _longest_age_of_sample(self.sensor, reader, late)
@@ -104,10 +104,9 @@ class SensorPath:
 
     @cached_property
     def available_from(self) -> int:
-        """F: the time from which on the topic shows a state.
+        """F: the time in ns from which on the topic shows a state and not its default.
 
-        A node that starts right at a release before F may read the default; at its first release
-        from F on it does not.
+        A node that is released before F may still read the default; from F on no node does.
         """
         instant = self.sensor.phase + self.dropout
         for k, node in enumerate(self.nodes):
@@ -117,20 +116,20 @@ class SensorPath:
     @property
     def early_node(self) -> int | None:
         """The number of the first node that may publish before it reads a state, or None."""
-        whole = SensorPath(self.sensor)
+        path_to_node = SensorPath(self.sensor)
         for k, node in enumerate(self.nodes):
-            seen = whole.available_from
+            seen = path_to_node.available_from
             if node.phase < seen or (k > 0 and node.phase == seen):
                 return k
-            whole = SensorPath(self.sensor, self.nodes[: k + 1])
+            path_to_node = SensorPath(self.sensor, self.nodes[: k + 1])
         return None
 
 
 def _longest_age_of_sample(sensor: Releases, reader: Releases, late: int) -> int:
-    """The greatest age of a sensor's last publication at a start; sensors come first in an instant.
+    """The greatest age of a sensor's last publication at a start of the reader.
 
-    The release of the reader is o, o + g, ..., T - g + o after the sensor's last, where o is the
-    difference of phases and T the sensor's period; the start is up to `late` later.
+    In one instant sensors publish first. The reader's release is o, o + g, ..., T - g + o after the
+    sensor's last one, where T is the sensor's period; the reader starts up to `late` later.
     """
     g = gcd(sensor.period, reader.period)
     behind = sensor.period - g + (reader.phase - sensor.phase) % g
@@ -138,12 +137,12 @@ def _longest_age_of_sample(sensor: Releases, reader: Releases, late: int) -> int
 
 
 def _longest_hop(node: Releases, reader: Releases, late: int) -> int:
-    """The longest time from the release of the node that published to the start that reads.
+    """The longest time from a node's release to the reader's start that sees its publication.
 
-    Let t be the start. Release r of the node may still be unseen at t iff its publication may be at
-    t or later, t - r <= J + R (in one instant either may come first). The oldest publication
-    that may be the last one seen is the one before the first such r, of release r - T. So the
-    bound is T + the greatest t - r <= J + R, where t - r = o + k g + l with 0 <= l <= late.
+    Let t be the start. The node's release r may still be unseen at t if and only if its publication
+    may be at t or later, t - r <= J + R (in one instant either may come first). The oldest
+    publication that may be the last one seen is the one before the first such r, of release r - T.
+    So the bound is T + the greatest t - r <= J + R, where t - r = o + k g + l, 0 <= l <= late.
     """
     g = gcd(node.period, reader.period)
     over = (node.latest - (reader.phase - node.phase)) % g
@@ -152,7 +151,7 @@ def _longest_hop(node: Releases, reader: Releases, late: int) -> int:
 
 @dataclass(frozen=True)
 class ActuationPath:
-    """A path from SC to the plant: `nodes`, then between `least` and `most` ns until it acts."""
+    """A path from SC to the plant: through `nodes`, then `least` to `most` ns until it acts."""
 
     least: int = 0
     most: int = 0
@@ -161,9 +160,9 @@ class ActuationPath:
     def time_to_effect(self, sc: Releases, published: int) -> int:
         """The longest time from SC's release to the effect; SC publishes up to `published` later.
 
-        A node that is released at r <= p may start then, and in one instant either may come first,
-        so a publication at p may be read as late as the next release's start. Let the publisher's
-        release be at 0, p = l in [0, W], and the node's last release at or before p at p - v. Then
+        A node that is released at r <= p may start before a publication at p (in one instant either
+        may come first), and then reads it only after its next release. Let the publisher's release
+        be at 0, p = l in [0, W], and the node's last release at or before p at p - v. Then
         v >= (o + l) mod g, where o is the difference of phases, and the next release is at p - v +
         T; l - (o + l) mod g = g floor((o + l) / g) - o grows with l.
         """
@@ -176,15 +175,15 @@ class ActuationPath:
         return delay + within + self.most
 
     def time_from_output(self, late: int) -> int:
-        """The longest time from an instant of publication, plus `late`, to its effect."""
+        """The longest time to the effect of a publication that comes `late` after some instant."""
         waits = sum(n.period + n.latest for n in self.nodes)
         return late + waits + self.most
 
     def least_time_to_effect(self, sc: Releases) -> int:
         """The shortest time from a release of SC to its output's effect.
 
-        SC may publish at the release itself, and the node start then: if that instant lies in one
-        of the node's windows [r, r + J]; if not, the node starts at its next release.
+        SC may publish at its release, and the first node may start in the same instant if that lies
+        in one of the node's windows [r, r + J]. If not, the node starts at its next release.
         """
         if not self.nodes:
             return self.least
@@ -194,10 +193,11 @@ class ActuationPath:
         return self.least + (0 if (-ahead) % g <= node.late else ahead)
 
     def skipping_node(self, sc: Releases, published: int) -> int | None:
-        """The number of the first node that may skip an output of SC; None: each output acts.
+        """The number of the first node that may skip an output of SC; None if each output acts.
 
-        Two outputs are published at least delta - w apart, w how much that varies; starts of a node
-        at most T + J. If T + J <= delta - w, each output is read before the next comes.
+        Let w be the variation of the time until an output reaches the node. Two outputs reach it at
+        least delta - w apart, and its starts are at most T + J apart. If T + J <= delta - w, it
+        reads each output before the next one comes.
         """
         for k, node in enumerate(self.nodes):
             part = ActuationPath(nodes=self.nodes[:k])
@@ -223,8 +223,8 @@ class Schedule:
     def age_dm(self) -> int:
         """A: the greatest age of the state that the DM sees when it says "AC".
 
-        With a `max_age` that much between publication and start is enforced, as an older stamp is
-        stale, and P may have gone by before. Without a `max_age` the periods bound the age.
+        With a `max_age` the time between publication and start is at most that, as an older stamp
+        is stale; P may have passed before the publication. Otherwise the periods bound the age.
         """
         ages = []
         for path in self._with_dropout(self.read_by_dm):
@@ -278,25 +278,25 @@ class Schedule:
         return self.latest_start_of_sc + self.sc.response
 
     @cached_property
-    def acted(self) -> int:
-        """W: a command replaced more than W before a release acts on no state read there.
+    def replaced_window(self) -> int:
+        """W: a command that was replaced more than W before a release acts on no state read there.
 
         The state is A old at most, and a command acts up to L after the next one was published. Of
-        the next one only the release is known: it was published at some time before SC's next step
-        began, as one thread runs instants in order. A node behind the module that runs in SC's
-        instant may pass it on only when that step of SC has published.
+        the next one only the release is known. It was published before SC's next step began, as one
+        thread runs instants in order. A node that runs behind SC in its instant may pass it on only
+        when that step of SC has published.
         """
         untold = self.sc.period + self.latest_start_of_sc + self.sc.response
         return self.age_dm + max(o.most for o in self.outputs) + untold
 
     @cached_property
     def h_star(self) -> int:
-        """H*: from the state behind the last "AC" verdict to the effect of SC's first output.
+        """H*: the longest time from the state of the last "AC" verdict to SC's first effect.
 
         The last "AC" verdict is of release t_0, on a state of t_0 - A or later. The next verdict is
-        not "AC" and in force by t_1 + J_dm + R_dm, t_1 = t_0 + Delta. The first release of SC from
-        t_1 on is at t_1 + o, o <= G; it starts when it is due, o + J_sc, and when the verdict is
-        there. R_sc later it has published, and what was published before the verdict is dropped.
+        not "AC", and it is in force by t_1 + J_dm + R_dm, where t_1 = t_0 + Delta. SC's first
+        release from t_1 on is at t_1 + o, o <= G. SC starts by o + J_sc, or when the verdict is
+        there. R_sc later it has published; a publication before the verdict is dropped.
         """
         ready = self.longest_to_sc + self.sc.late + self.sc.response
         waited = self.dm.latest + self.sc.response
@@ -312,9 +312,9 @@ class Schedule:
 
     @cached_property
     def delay(self) -> int:
-        """d: how old the state is that a command answers when the command begins to act.
+        """d: the greatest age of the state that a command answers, when the command begins to act.
 
-        SC read it with the age A_sc at its start; then the command takes its way to the plant.
+        The state is A_sc old when SC starts and reads it; then the command goes to the plant.
         """
         if not any(o.nodes for o in self.outputs):
             return self.age_sc + self.sc.response + max(o.most for o in self.outputs)
@@ -322,31 +322,31 @@ class Schedule:
 
     @cached_property
     def jitter(self) -> int:
-        """j: the length of the window in which the effects of SC's k-th output lie, for any k."""
+        """j: the length of the window in which the effect of SC's k-th output begins, for any k."""
         latest = max(o.time_to_effect(self.sc, self.latest_output) for o in self.outputs)
         return latest - min(o.least_time_to_effect(self.sc) for o in self.outputs)
 
     @cached_property
     def are_windows_apart(self) -> bool:
-        """Whether no window of an output reaches the middle of the next one's."""
+        """Whether the window of each output is at most half of SC's period long."""
         return 2 * self.jitter <= self.sc.period
 
     @cached_property
     def read_age(self) -> int:
         """D: the greatest age of the state that SC read for the command that acts at an instant.
 
-        Output k was read at its release - A_sc or later. It acts until output k + 1 does, as
-        outputs act in order: at most delta and the latest effect after that release.
+        SC read a state for output k at its release - A_sc or later. Outputs act in order, so output
+        k acts until output k + 1 does: at most delta plus the latest effect after its release.
         """
         latest = max(o.time_to_effect(self.sc, self.latest_output) for o in self.outputs)
         return self.age_sc + self.sc.period + latest
 
     def due_by(self, release: int) -> int:
-        """The instant by which SC has published its output of the release at `release`.
+        """The instant in ns by which SC has published its output of a release.
 
-        It starts J_sc late at most, or with the verdict of the last DM released until then; R_sc
-        later it has published. Then a lease ends that the step before gave (docs/proof.md, "When
-        the trusted part stops").
+        SC starts J_sc late at most, or when the last DM that was released by then has given its
+        verdict. R_sc later it has published. At this instant the lease ends that the step before
+        gave (docs/proof.md, "When the trusted part stops").
         """
         starts = release + self.sc.late
         if self.dm.phase <= release:
@@ -358,17 +358,17 @@ class Schedule:
     def lease(self) -> int:
         """The longest time from a release of SC to the end of the lease that its step gives.
 
-        That is when the next output is due: delta later it is released, and Lambda + R_sc after
-        that it is out, as `due_by` falls at most r short of a verdict's worst case.
+        The lease ends when the next output is due. The step of that output is released delta later,
+        and it publishes at most Lambda + R_sc after its release, where Lambda bounds SC's start.
         """
         return self.sc.period + self.latest_output
 
     @cached_property
     def start(self) -> int:
-        """h_0: the time by which an output of SC has acted all of whose reads show a state.
+        """h_0: the time by which a first command of SC acts for which SC read states, no defaults.
 
-        It is an output of the first release of SC at which all topics show one; SC then starts J_sc
-        late, or when the last DM released at or before it has spoken.
+        It is the output of SC's first release at which all topics show a state. SC then starts J_sc
+        late, or when the last DM that was released by then has given its verdict.
         """
         first = self.sc.phase
         for path in self._with_dropout(self.read_by_sc):
@@ -400,7 +400,7 @@ class Schedule:
 
     @property
     def sc_reads_more(self) -> bool:
-        """Whether SC reads a topic, or one by a path, that the DM does not."""
+        """Whether SC reads a topic that the DM does not read, or reads a topic by another path."""
         known = {(p.topic, p.sensor, p.nodes) for p in self.read_by_dm}
         return any((p.topic, p.sensor, p.nodes) not in known for p in self.read_by_sc)
 
@@ -408,14 +408,14 @@ class Schedule:
     def longest_between_states(self) -> int:
         """The longest time from the state behind one verdict to the state behind the next.
 
-        The first is at most A older than the DM's start at t_0 or later, the second at most as new
-        as the DM's next start, by t_0 + Delta + J_dm.
+        The first state is at most A older than a start of the DM at t_0 or later. The second state
+        is no newer than the DM's next start, which comes by t_0 + Delta + J_dm.
         """
         return self.age_dm + self.dm.period + self.dm.late
 
     @cached_property
     def longest_to_decision(self) -> int:
-        """The longest time from an instant to a verdict in force on a state as new.
+        """The longest time from an instant until a verdict is in force on a state of then or later.
 
         The verdict before is on an older state, so it was released less than A after the instant.
         """

@@ -2,14 +2,14 @@
 
 Purpose: `check_supported` reports controllers, plants and predicates that `verify/` cannot handle.
 `ttf_of_states` drops the parts of `ttf` that read an age. `topics_of_maps`, `check_maps` and
-`map_assumptions` are about maps: `static` topics that `safe` of a module with `rest` reads and no
-plant drives; their contract is an assumption (docs/proof-flight.md, "Decisions by tubes", 7).
+`map_assumptions` are about maps: `static` topics that no plant drives and that `safe` of a module
+with `rest` reads; their contract is an assumption (docs/proof-flight.md, "Decisions by tubes", 7).
 `identified_assumptions` is about numbers that were fitted to logs.
 Non-goals: numbers; what the DM does, which is compiled and compared with all of `ttf`; the check
 that reads maps (`verify/tubes/`).
 
-`ttf e || age(t) > c` takes control from AC where e does, and at other times, too: "not ttf" implies
-"not e". So what is proved with e alone holds with all of `ttf`.
+`ttf e || age(t) > c` is true wherever e is, so "not ttf" implies "not e". A claim that is proved
+with e in the place of `ttf` therefore holds with all of `ttf`, too.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def topics_of_proved_maps(place: VerificationSystem) -> dict[typed.TopicSymbol, 
     """The maps of a verification system, without topics of plants that only fly."""
     flying = _driven_topics(place.flat)
     found = topics_of_maps(place.system, place.module)
-    return {t: index for t, index in found.items() if place.flying(t) not in flying}
+    return {t: index for t, index in found.items() if place.flying_index(t) not in flying}
 
 
 def _driven_topics(system: System) -> set[int]:
@@ -94,7 +94,7 @@ def check_maps(place: VerificationSystem, diagnostics: Diagnostics) -> None:
 
 
 def map_assumptions(place: VerificationSystem) -> list[Assumption]:
-    """The assumption about each map: what it calls free stays free."""
+    """The assumption about each map that a place which the map calls free stays free."""
     names = [place.system.topics[index].name for index in topics_of_proved_maps(place).values()]
     return [
         Assumption(
@@ -107,7 +107,7 @@ def map_assumptions(place: VerificationSystem) -> list[Assumption]:
 
 
 def identified_assumptions(program: typed.TypedProgram) -> list[Assumption]:
-    """What is assumed where a program reads numbers that `soter identify` fitted to logs."""
+    """The assumptions of a program that reads numbers which `soter identify` fitted to logs."""
     return [
         Assumption(f"identified {name}", in_words("identified", name, n, n + 1))
         for name, n in program.identified.items()
@@ -121,7 +121,7 @@ AGES = (
 
 
 def ttf_of_states(ttf: TypedExpr | None) -> TypedExpr | None:
-    """`ttf` without the disjuncts that read an age; all of it where none would be left."""
+    """The part of `ttf` without the disjuncts that read an age; all of `ttf` if none is left."""
     if ttf is None or not _reads_age(ttf):
         return ttf
     left = [part for part in disjuncts(ttf) if not _reads_age(part)]
@@ -160,7 +160,7 @@ LOCAL_VALUES_MAX = 2**31
 def check_supported(
     place: VerificationSystem, diagnostics: Diagnostics, *, synthesize: bool
 ) -> ProblemKind:
-    """Reports constructs that proofs cannot follow; gives how the plants move: flow or map."""
+    """Reports constructs that proofs cannot follow; returns how the plants move, flow or map."""
     _check_controller(place, diagnostics, synthesize=synthesize)
     kinds: dict[str, Component] = {}
     for c in place.plants:
@@ -246,7 +246,7 @@ def _is_bounded(t: Type) -> bool:
 
 
 def _refuse_choices(place: VerificationSystem, diagnostics: Diagnostics) -> None:
-    """Reports R007 for plants that `choose`, whether they fly or stand for those that do."""
+    """Reports R007 for each plant that chooses, of the proof and of the flying system."""
     seen: set[typed.PlantSymbol] = set()
     for c in (*place.plants, *place.flat.components):
         if c.plant is None or c.plant in seen:
@@ -308,7 +308,7 @@ def _check_plant(
 
 
 def _check_predicates(place: VerificationSystem, diagnostics: Diagnostics) -> None:
-    """Reports predicates that a proof cannot follow."""
+    """Reports each predicate of the module that a proof cannot follow."""
     symbol = place.module.symbol
     maps = set(topics_of_proved_maps(place).values())
     check_maps(place, diagnostics)

@@ -1,7 +1,7 @@
-"""P1c of a module as it is deployed: how long a switch takes with the declared execution times.
+"""Checks P1c of a deployed module: how long a switch to SC takes with declared execution times.
 
-Purpose: `switch_latency_of` computes H* from the latest starts and ends of the thread, and compares
-it with the H of the proof.
+Purpose: `switch_latency_of` computes H* from the latest starts and ends of the thread's steps, and
+compares it with the H of the proof.
 Non-goals: whether the proof's own times hold (`problem_times.py`), any set.
 """
 
@@ -17,14 +17,14 @@ from soter.verify.problem.cause_effect_chains import CauseEffectChains, actuatio
 from soter.verify.problem.problem import Times
 from soter.verify.problem.problem_times import (
     AssumedTimes,
-    assumed_of,
+    assumed_times_of,
     deployed_times,
     summands_of_h_star,
     times_of,
 )
 from soter.verify.problem.supported_constructs import check_supported
-from soter.verify.problem.time_checks import map_times
-from soter.verify.problem.verification_system import verification_system_of, with_modes_as_topics
+from soter.verify.problem.time_checks import times_of_map
+from soter.verify.problem.verification_system import system_with_mode_topics, verification_system_of
 
 if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostic
@@ -41,11 +41,11 @@ CODES_OF_DEPLOYED_TIMES = ("R034", "R033")
 
 @dataclass(frozen=True)
 class SwitchLatency:
-    """P1c of one module as deployed; times in ns, None where `why` says why there are none.
+    """The verdict on P1c of one deployed module; times in ns, None where `why` says why not.
 
-    `horizon`: H of the proof; `needed`: what it must be, from the sample behind the last "AC"
-    verdict to the first output of SC that acts; `largest`: its largest term, and that term.
-    `diagnostics`: where the times that the proof counts with do not hold.
+    `horizon`: H of the proof. `needed`: the least H, from the sample behind the last "AC" verdict
+    to the first output of SC that acts. `largest`: the name and time of its largest term.
+    `diagnostics`: refusals of times that the proof counts with and the thread does not keep.
     """
 
     module: str
@@ -58,7 +58,7 @@ class SwitchLatency:
 
     @property
     def slack(self) -> int | None:
-        """H minus the least H that is needed, in ns; None: not known. Negative: P1c fails."""
+        """H minus the least H that is needed, in ns; negative if P1c fails, None if not known."""
         return None if self.horizon is None or self.needed is None else self.horizon - self.needed
 
     def in_words(self) -> str:
@@ -75,7 +75,7 @@ class SwitchLatency:
 
 
 def switch_latency_of(flat: System, module: Module) -> SwitchLatency:
-    """P1c of a module of a flat system whose thread declares execution times."""
+    """The verdict on P1c of a module of a flat system whose thread declares execution times."""
     verify = module.symbol.verify
     if verify.span is None:
         return SwitchLatency(module.name, UNKNOWN, why="there is no `verify` block")
@@ -104,7 +104,7 @@ def _latency_of_induction(flat: System, module: Module) -> SwitchLatency:
     from soter.verify.induction.problem import extract_induction  # noqa: PLC0415 - only then
 
     try:
-        extract_induction(*with_modes_as_topics(flat, module))
+        extract_induction(*system_with_mode_topics(flat, module))
     except SoterError as error:
         return _latency_unknown(module, error.diagnostics)
     why = "every order of steps that the times allow is part of its proof"
@@ -122,7 +122,7 @@ def _latency_in_view(flat: System, module: Module) -> SwitchLatency:
     refusals = tuple(d for d in diagnostics.items if d.code in CODES_OF_DEPLOYED_TIMES)
     if any(d.code not in CODES_OF_DEPLOYED_TIMES for d in diagnostics.items):
         return _latency_unknown(module, diagnostics.items)
-    assumed = assumed_of(times.schedule, chains)
+    assumed = assumed_times_of(times.schedule, chains)
     without_waiting = AssumedTimes(
         (0, 0), (0, 0), dict.fromkeys(assumed.nodes, (0, 0)), assumed.in_step
     )
@@ -133,9 +133,9 @@ def _latency_in_view(flat: System, module: Module) -> SwitchLatency:
             module.name, UNKNOWN, why="the calendar is not known to be kept", diagnostics=refusals
         )
     thread_times = Times(
-        _with_thread_times(times.schedule, chains, deployment), horizon=times.horizon_ns
+        _schedule_with_thread_times(times.schedule, chains, deployment), horizon=times.horizon_ns
     )
-    thread_times = map_times(thread_times) if kind == "map" else thread_times
+    thread_times = times_of_map(thread_times) if kind == "map" else thread_times
     needed = _least_horizon(
         thread_times.schedule, None if kind == "map" else deployment.handed_over
     )
@@ -153,7 +153,7 @@ def _latency_in_view(flat: System, module: Module) -> SwitchLatency:
 
 
 def _why_not_proved(times: Times, refusals: tuple[Diagnostic, ...]) -> str:
-    """Why `soter verify` does not prove P1c though it holds as deployed; "": it may prove it."""
+    """Why `soter verify` does not prove P1c, which holds as deployed; "" where it may prove it."""
     if any(d.code == "R033" for d in refusals):
         return "the proof counts with other times (R033)"
     if times.h_star <= times.horizon_ns:
@@ -165,8 +165,8 @@ def _why_not_proved(times: Times, refusals: tuple[Diagnostic, ...]) -> str:
 def _least_horizon(schedule: Schedule, handed_over: int | None) -> int:
     """The least H, in ns.
 
-    If it is known when SC starts after each release of the DM that may be the first not to say
-    "AC", and no node is behind SC, that time replaces the sum in H*.
+    `handed_over`: the longest time from a release of the DM to the start of SC that follows. If it
+    is known, and no node is behind SC, it replaces the sum in H*.
     """
     if handed_over is None or any(o.nodes for o in schedule.outputs):
         return schedule.least_horizon
@@ -175,12 +175,12 @@ def _least_horizon(schedule: Schedule, handed_over: int | None) -> int:
     return max(star, schedule.start) if schedule.sc_reads_more else star
 
 
-def _with_thread_times(
+def _schedule_with_thread_times(
     schedule: Schedule, chains: CauseEffectChains, deployment: DeployedTimes
 ) -> Schedule:
     """The schedule with the thread's own times for each component that runs in the thread."""
 
-    def chain(r: CauseEffectChain) -> CauseEffectChain:
+    def chain_in_thread(r: CauseEffectChain) -> CauseEffectChain:
         stations = zip(r.stations, r.path.nodes, strict=True)
         return replace(
             r,
@@ -189,7 +189,8 @@ def _with_thread_times(
             ),
         )
 
-    by_dm, by_sc = [chain(r) for r in chains.by_dm], [chain(r) for r in chains.by_sc]
+    by_dm = [chain_in_thread(r) for r in chains.by_dm]
+    by_sc = [chain_in_thread(r) for r in chains.by_sc]
     releases = {n: _releases_in_thread(deployment, n.name, r) for n, r in chains.releases.items()}
     ways = CauseEffectChains(by_dm, by_sc, chains.ways, chains.beside, releases)
     least, acts = min(o.least for o in schedule.outputs), max(o.most for o in schedule.outputs)

@@ -1,6 +1,7 @@
-"""Refuses times that a proof does not cover: R011, R012, R015, R017, R018.
+"""Reports times that a proof does not cover, with the codes R011, R012, R015, R017 and R018.
 
 Purpose: `check_times` checks every condition under which the theorem covers a schedule.
+`times_of_map` reduces the times of plants that move in steps to periods and phases.
 Non-goals: the figures themselves (`schedule.py`).
 """
 
@@ -56,7 +57,7 @@ def _check_command_delay(place: VerificationSystem, times: Times, diagnostics: D
     span = place.module.symbol.verify.span or place.module.symbol.span
     symbol = place.module.symbol
     why = why_late_commands_uncovered(symbol, schedule)
-    enough = _advise_period(schedule, in_order=bool(why))
+    enough = _advice_on_period(schedule, in_order=bool(why))
     if schedule.latest_output > schedule.sc.period:
         diagnostics.error(
             "R015",
@@ -79,12 +80,15 @@ def _check_command_delay(place: VerificationSystem, times: Times, diagnostics: D
             span,
             also=((sc.span, f"steps every {show_ns(times.delta_sc)}"),),
             notes=(_jitter_in_words(times), f"commands that act so late are not proved {why}"),
-            helps=(*_advise_least_delay(times), f"these times together {excess} shorter{enough}"),
+            helps=(
+                *_advice_on_least_delay(times),
+                f"these times together {excess} shorter{enough}",
+            ),
         )
 
 
 def why_late_commands_uncovered(symbol: ModuleSymbol, schedule: Schedule) -> str:
-    """Why no proof covers commands of this module that are half a period late; "": one does."""
+    """Why no proof covers commands that act over half a period late; "" where one does."""
     verify = symbol.verify
     wrong = {
         "with a node between SC and the plant": any(o.nodes for o in schedule.outputs),
@@ -97,7 +101,7 @@ def why_late_commands_uncovered(symbol: ModuleSymbol, schedule: Schedule) -> str
 
 
 def _jitter_in_words(times: Times) -> str:
-    """A sum in words: the parts of j (docs/proof.md, The model of time)."""
+    """The sum j in words, with its parts (docs/proof.md, The model of time)."""
     parts = [*_parts_before_output(times), (times.acts, "`acts within`")]
     rest = times.jitter_sc - sum(ns for ns, _ in parts)
     parts_in_words = [f"{show_ns(ns)} {name}" for ns, name in parts if ns]
@@ -109,14 +113,14 @@ def _jitter_in_words(times: Times) -> str:
 
 
 def _parts_before_output(times: Times) -> list[tuple[int, str]]:
-    """The parts of the time from a release of SC to its publication, with words."""
+    """The parts of the time from a release of SC to its publication: (ns, name)."""
     sc, waits = times.schedule.sc, times.schedule.latest_start_of_sc
     late = "`late sc`" if waits == sc.late else "waiting for the DM's verdict"
     return [(waits, late), (sc.response, "`response sc`")]
 
 
-def _advise_least_delay(times: Times) -> tuple[str, ...]:
-    """Advice to declare the least part of a dead time, if that is enough."""
+def _advice_on_least_delay(times: Times) -> tuple[str, ...]:
+    """Advice to declare the least time until a command acts, where that is enough; else empty."""
     without = times.jitter_sc - (times.acts - times.acts_least)
     if 2 * without > times.delta_sc:
         return ()
@@ -125,11 +129,11 @@ def _advise_least_delay(times: Times) -> tuple[str, ...]:
     return (f"{enough}: only what is more than A is late",)
 
 
-def _advise_period(schedule: Schedule, *, in_order: bool) -> str:
-    """Words for a period with which SC is in time; "" where none is found.
+def _advice_on_period(schedule: Schedule, *, in_order: bool) -> str:
+    """Words for a period of SC with which SC is in time; "" where none is found.
 
-    Periods are tried, as SC's waiting depends on them; the module's own is added where P1a needs
-    it. With the period found SC must not read what is older than its `max_age`.
+    Periods are tried one by one, as they change how long SC waits. The words name the module's
+    period, too, where P1a needs a longer one. With the found period no read may pass `max_age`.
     """
     slower = schedule
     for _ in range(PERIODS_TRIED):
@@ -154,11 +158,11 @@ def _check_known_nodes(
     """Reports R017 where a time is declared for a node that is on no path."""
     verify = place.module.symbol.verify
     inner = [n for w in chains.ways for n in (*w.inner, *w.in_step)]
-    stations = [n.name.removeprefix(place.around) for n in (*chains.nodes, *chains.behind)]
+    stations = [n.name.removeprefix(place.home_prefix) for n in (*chains.nodes, *chains.behind)]
     for name, expr in {**verify.late_of, **verify.response_of}.items():
         if name in stations:
             continue
-        named = any(n.name.removeprefix(place.around) == name for n in inner)
+        named = any(n.name.removeprefix(place.home_prefix) == name for n in inner)
         stations_text = ", ".join(f"`{n}`" for n in stations) or "none"
         diagnostics.error(
             "R017",
@@ -200,7 +204,7 @@ def _check_read_ages(times: Times, chains: CauseEffectChains, diagnostics: Diagn
 
 
 def _check_first_results(chain: CauseEffectChain, diagnostics: Diagnostics) -> None:
-    """Reports R017 where a node may publish a result of a default, whose stamp would look fresh."""
+    """Reports R017 where a node may publish what it made of a default, under a fresh stamp."""
     early = chain.path.early_node
     if early is None:
         return
@@ -241,7 +245,7 @@ def _check_node_fits(
 
 
 def _own_time_in_words(at: Releases) -> str:
-    """A sum in words: the time that a node, or the DM, may take."""
+    """The time that a node or the DM may take, in words, as the sum of its parts."""
     parts = f"{show_ns(at.late)} `late` + {show_ns(at.response)} `response`"
     return f"{show_ns(at.latest)} = {parts}, out of a period of {show_ns(at.period)}"
 
@@ -262,7 +266,7 @@ def _check_dm_fits(place: VerificationSystem, times: Times, diagnostics: Diagnos
 def _check_skipped_outputs(
     place: VerificationSystem, times: Times, chains: CauseEffectChains, diagnostics: Diagnostics
 ) -> None:
-    """Reports R018 where a node behind SC may skip an output: a command would act too long."""
+    """Reports R018 where a node behind SC may skip an output, so that a command acts too long."""
     schedule = times.schedule
     skips: list[Component] = []
     outputs = {o.nodes: o for o in schedule.outputs}
@@ -368,20 +372,20 @@ def _check_every_step(
     )
 
 
-def map_times(times: Times) -> Times:
-    """The times of a map: only periods and phases, as reads and effects are of one instant."""
+def times_of_map(times: Times) -> Times:
+    """The times of a map: periods and phases alone, as it is read and moved at one instant."""
     schedule = times.schedule
     return replace(
         times,
         schedule=Schedule(
             Releases(schedule.dm.period, schedule.dm.phase),
             Releases(schedule.sc.period, schedule.sc.phase),
-            _paths_of_instant(schedule.read_by_dm),
-            _paths_of_instant(schedule.read_by_sc),
+            _paths_within_one_instant(schedule.read_by_dm),
+            _paths_within_one_instant(schedule.read_by_sc),
             (ActuationPath(),),
         ),
     )
 
 
-def _paths_of_instant(paths: tuple[SensorPath, ...]) -> tuple[SensorPath, ...]:
+def _paths_within_one_instant(paths: tuple[SensorPath, ...]) -> tuple[SensorPath, ...]:
     return tuple(replace(p, nodes=(), max_age=0) for p in paths)

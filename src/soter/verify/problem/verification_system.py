@@ -1,13 +1,12 @@
-"""The system in which a module is proved, made of the system that flies.
+"""Makes the system in which a module is proved from the system that flies.
 
 Purpose: `verification_system_of` makes, from a flat system and one of its modules, a system of that
 module and its verification plants, and nothing else (docs/verification.md, section 1).
-`with_modes_as_topics` replaces `mode(M)` of another module, and `margin(M)` of any, in SC, `ttf`
-and `safer` by a topic that nobody publishes, so that it may have any value at any read; it also
+`system_with_mode_topics` replaces `mode(M)` of another module, and `margin(M)` of any, in SC,
+`ttf` and `safer` by a topic that nobody publishes, which may have any value at any read. It also
 says for which modules P2b waits, and whether these wait in turn (docs/proof-modules.md,
 "Coordinated switching"). `system_under_law` puts the fail-safe law, a constant for each output, in
-the place of SC: of that system the core K_fs is computed (docs/proof.md, "When the trusted part
-stops").
+the place of SC; the core K_fs is computed of it (docs/proof.md, "When the trusted part stops").
 Non-goals: quantities and ranges (`extract.py`); one's own mode; the sets
 (`verify/claims/product_sets.py`); the re-checker, which reads `mode` by itself.
 """
@@ -19,7 +18,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from soter.language.elaborate import derived_systems
-from soter.language.elaborate.views_for_proofs import moved_by_others
+from soter.language.elaborate.views_for_proofs import with_influences_drawn
 from soter.language.model import typed
 from soter.language.model.system import Bound, Topic, name_of_subsystem
 from soter.language.model.tree_walk import nodes, rewritten, topic_reads
@@ -38,7 +37,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class VerificationSystem:
-    """A verification system; its only module is `module`, `plants` are its plants."""
+    """A verification system, with its only module, its plants, and the flying system."""
 
     system: System
     module: Module
@@ -51,7 +50,7 @@ class VerificationSystem:
     """The flying system, which holds the module as `home`."""
     home: Module
     influences: tuple[Influence, ...] = ()
-    """What others publish that moves the plants: any values of the declared sets."""
+    """The topics by which others move the plants, with any values of their declared sets."""
 
     @property
     def sc(self) -> Component:
@@ -68,36 +67,36 @@ class VerificationSystem:
                 driver_by_topic[c.scope.topics[topic]] = c
         return driver_by_topic
 
-    def flying(self, topic: typed.TopicSymbol) -> int:
-        """The flying system's index of a topic that the module reads; -1: it has none."""
+    def flying_index(self, topic: typed.TopicSymbol) -> int:
+        """The index, in the flying system, of a topic that the module reads; -1 if it has none."""
         home = self.home
         for scope in (home.scope, *(self.flat.components[i].scope for i in (home.sc, home.ac))):
             if topic in scope.topics:
                 return scope.topics[topic]
         return -1
 
-    def declared(self, c: Component, kind: str) -> typed.TypedExpr | None:
-        """The declared `late` or `response` of a flying node; None: not declared.
+    def declared_time(self, c: Component, kind: str) -> typed.TypedExpr | None:
+        """The declared `late` or `response` (`kind`) of a flying node; None if it has none.
 
-        The module names nodes as its own system does, without that system's name. A node that
-        declares how long its steps take has that as its response.
+        The module names nodes without the name of the sub-system that holds them. For a node that
+        declares how long its steps take, that time is the response.
         """
         if kind == "response" and c.takes_ns is not None:
             return typed.Literal(DURATION, c.span, c.takes_ns[1])
         times: dict[str, typed.TypedExpr] = getattr(self.module.symbol.verify, f"{kind}_of")
-        return times.get(c.name.removeprefix(self.around))
+        return times.get(c.name.removeprefix(self.home_prefix))
 
-    def shown_by(self, index: int) -> str:
-        """The name of the flying plant whose state a topic has to show, by its index."""
+    def plant_shown_by(self, index: int) -> str:
+        """The name of the flying plant whose state the topic of an index has to show."""
         plant = self.driven[index]
         if not self.abstract:
             return plant.name
         links = self.module.symbol.verify.abstracts
-        return self.around + next(n.instance for n in links if n.name == plant.name)
+        return self.home_prefix + next(n.instance for n in links if n.name == plant.name)
 
     @property
-    def around(self) -> str:
-        """The name of the sub-system that holds the module and a dot, or ""."""
+    def home_prefix(self) -> str:
+        """The name of the sub-system that holds the module, with a dot; "" without a sub-system."""
         outer = name_of_subsystem(self.home)
         return outer + "." if outer else ""
 
@@ -105,8 +104,12 @@ class VerificationSystem:
 def verification_system_of(flat: System, module: Module) -> VerificationSystem:
     """The verification system of a module of `flat`; `SoterError` where there is none."""
     abstract = bool(module.symbol.verify.abstracts)
-    apart = _with_abstractions(flat, module) if abstract else _with_own_plants(flat, module)
-    system, influences = moved_by_others(apart, apart.modules[0])
+    apart = (
+        _system_with_abstractions(flat, module)
+        if abstract
+        else _system_with_own_plants(flat, module)
+    )
+    system, influences = with_influences_drawn(apart, apart.modules[0])
     plants = tuple(c for c in system.components if c.role == "plant")
     prefix = "" if abstract else name_of_subsystem(module)
     prefix = prefix + "." if prefix else ""
@@ -132,21 +135,21 @@ def topics_read_in_step(node: typed.NodeSymbol) -> list[typed.TopicSymbol]:
 def topics_read_by_module(
     module: typed.ModuleSymbol, sc: typed.NodeSymbol
 ) -> list[typed.TopicSymbol]:
-    """Every topic that SC, a predicate or an axis of the module reads."""
+    """Every topic that SC or a predicate of the module reads, or that names an axis."""
     axes = [a.topic for g in module.verify.groups for a in g.axes if a.topic is not None]
     reads = [*topics_read_in_step(sc), *topic_reads(*module.predicates), *axes]
     return list(dict.fromkeys(reads))
 
 
 def read_by_dm(place: VerificationSystem) -> dict[int, None]:
-    """The driven topics that the DM's predicates read, or if these are computed, the axes."""
+    """The driven topics that the DM's predicates read; if these are computed, those of the axes."""
     symbol, module = place.module.symbol, place.module
     predicates = [e for e in (symbol.ttf, symbol.safer) if e is not None]
     topics = list(topic_reads(*predicates))
     if not predicates:
         topics = [a.topic for g in symbol.verify.groups for a in g.axes if a.topic is not None]
     scope = {**place.sc.scope.topics, **module.scope.topics}
-    topics = topics or list(scope)  # computed predicates without a `grid` line read what they can
+    topics = topics or list(scope)  # computed predicates without a `grid` line read all of them
     return {scope[t]: None for t in topics if t in scope and scope[t] in place.driven}
 
 
@@ -157,22 +160,22 @@ def read_by_sc(place: VerificationSystem) -> dict[int, None]:
     return {t: None for t in topics if t in place.driven}
 
 
-def with_all_predicates(at: VerificationSystem) -> System:
-    """The verification system of a view with all predicates of the module that flies."""
+def system_with_all_predicates(at: VerificationSystem) -> System:
+    """The verification system of a view, but with all predicates of the flying module."""
     assert at.home.whole is not None
-    return _with_abstractions(
+    return _system_with_abstractions(
         at.flat, replace(at.home, symbol=replace(at.home.whole, verify=at.home.symbol.verify))
     )
 
 
-def _with_abstractions(flat: System, module: Module) -> System:
+def _system_with_abstractions(flat: System, module: Module) -> System:
     """The module beside the plants that `abstracts` names."""
     links = module.symbol.verify.abstracts
     plants = [typed.InstanceSymbol(n.name, n.plant, {}, {}, n.span) for n in links]
-    return derived_systems.with_plants(flat, module, plants)
+    return derived_systems.proof_system(flat, module, plants)
 
 
-def _with_own_plants(flat: System, module: Module) -> System:
+def _system_with_own_plants(flat: System, module: Module) -> System:
     """The module's own system without the plants that the proof does not look at."""
     scope = {
         **flat.components[module.sc].scope.topics,
@@ -195,12 +198,12 @@ def _with_own_plants(flat: System, module: Module) -> System:
 
 
 def system_under_law(flat: System, module: Module) -> tuple[System, Module]:
-    """The flying system with the law in the place of SC, and its module there, without a law.
+    """The flying system in which a node that publishes the fail-safe law replaces SC.
 
-    Periods, phases, lateness and latencies stay those of SC.
+    Also its module, which declares no law there. Times stay those of SC.
     """
     sc = flat.components[module.sc]
-    made = derived_systems.with_components(flat, [_sc_of_law(sc, module)])
+    made = derived_systems.with_components(flat, [_node_of_law(sc, module)])
     itself = replace(
         module, symbol=_module_under_law(module.symbol, made.components[module.sc]), law={}
     )
@@ -210,10 +213,10 @@ def system_under_law(flat: System, module: Module) -> tuple[System, Module]:
 
 
 def why_law_not_held(flat: System, module: Module) -> str:
-    """Why actuators do not hold the law that the module publishes; "": they do.
+    """Why actuators do not hold the law that the module publishes; "" where they do.
 
-    A node that reads the module's outputs stops with the trusted part, so nobody holds the command
-    that it would have made of the law.
+    A node that reads the module's outputs stops with the trusted part. So no actuator gets the
+    command that this node would have made of the law.
     """
     outputs = set(module.outputs)
     for c in flat.components:
@@ -225,10 +228,10 @@ def why_law_not_held(flat: System, module: Module) -> str:
     return ""
 
 
-def _sc_of_law(sc: Component, module: Module) -> Component:
+def _node_of_law(sc: Component, module: Module) -> Component:
     assert sc.node is not None
     step = tuple(typed.TypedPublish(e.span, t, e) for t, e in module.symbol.failsafe.items())
-    node = replace(sc.node.node_that_does(step), takes=None)
+    node = replace(sc.node.node_with_step(step), takes=None)
     return replace(sc, node=node, initial=(), failsafe={}, binding=None)
 
 
@@ -238,15 +241,15 @@ def _module_under_law(symbol: typed.ModuleSymbol, sc: Component) -> typed.Module
 
 
 READS: dict[type, str] = {typed.ModeRead: "mode", typed.MarginRead: "margin"}
-"""The words for what is read of a module."""
+"""The word for each kind of read of a module."""
 SC, AC = MODE.members.index("SC"), MODE.members.index("AC")
 
 
-def with_modes_as_topics(flat: System, module: Module) -> tuple[System, Module, Modes]:
-    """The system with a topic for every other mode, and every margin, that a module reads.
+def system_with_mode_topics(flat: System, module: Module) -> tuple[System, Module, Modes]:
+    """A system with a topic for each other mode and each margin that a module reads.
 
-    SC, `ttf` and `safer` read these topics instead, which nobody publishes. A module without such
-    reads keeps its system.
+    SC, `ttf` and `safer` read these topics instead, and nobody publishes them. Also the module
+    there, and its modes. Without such reads system and module stay the same.
     """
     sc = flat.components[module.sc]
     modules_read = _modules_by_read(flat, module, sc)
@@ -309,30 +312,30 @@ def _margin_bound_s(of: Module) -> float:
     return max(of.levels - 1, 1) * of.period_ns / 1e9
 
 
-def with_other_modes_in_ac(e: typed.TypedExpr, modes: Modes) -> typed.TypedExpr:
-    """The expression with all modes of other modules replaced by AC."""
+def expression_with_others_in_ac(e: typed.TypedExpr, modes: Modes) -> typed.TypedExpr:
+    """A copy of the expression in which the modes of all other modules are AC."""
 
-    def instead(part: typed.TypedExpr) -> typed.TypedExpr:
+    def mode_or_same(part: typed.TypedExpr) -> typed.TypedExpr:
         if isinstance(part, typed.TopicRead) and part.topic in modes.topics:
             return typed.Literal(MODE, part.span, AC)
         return part
 
-    expression: typed.TypedExpr = rewritten(e, instead)
+    expression: typed.TypedExpr = rewritten(e, mode_or_same)
     return expression
 
 
 def _modules_by_read(flat: System, module: Module, sc: Component) -> dict[Read, Module]:
-    """The module behind each read of a mode or margin; reads of one's own mode are left out."""
-    own = {**sc.scope.modules, **module.scope.modules}
+    """The module behind each read of a mode or margin; a module's own mode is left out."""
+    known = {**sc.scope.modules, **module.scope.modules}
     return {
-        (kind, s): flat.modules[own[s]]
+        (kind, s): flat.modules[known[s]]
         for kind, s in _reads_of_modules(module, sc)
-        if s in own and (kind == "margin" or own[s] != module.index)
+        if s in known and (kind == "margin" or known[s] != module.index)
     }
 
 
 def _reads_of_modules(module: Module, sc: Component) -> list[Read]:
-    """The reads of modules in SC, `ttf` and `safer`: ("mode" or "margin", the module)."""
+    """The modes and margins that SC, `ttf` and `safer` read: ("mode" or "margin", the module)."""
     symbol, node = module.symbol, sc.node
     assert node is not None
     code = () if node.extern else (*node.step, *(node.takeover or ()))
@@ -345,7 +348,7 @@ def _reads_of_modules(module: Module, sc: Component) -> list[Read]:
 
 
 def _modes_read_in(module: Module, *predicates: str) -> list[int]:
-    """The other modules whose modes these predicates of a module read."""
+    """The indices of the other modules whose modes these predicates of a module read."""
     symbol = module.symbol if module.whole is None else module.whole
     declared = [e for e in (getattr(symbol, p) for p in predicates) if e is not None]
     read = [n.module for n in nodes(declared) if isinstance(n, typed.ModeRead)]
@@ -354,10 +357,10 @@ def _modes_read_in(module: Module, *predicates: str) -> list[int]:
 
 
 def _why_never_in_ac(flat: System, module: Module, waits: list[int]) -> str:
-    """Why the modules that a module waits for may never be in AC together; "": no reason is known.
+    """Why the modules that `module` waits for may never all be in AC; "" if no reason is known.
 
-    Either one of them is forced to SC, or its decision depends, through any modes, on this module,
-    which is in SC while it waits.
+    Either one of them is forced to SC, or its decision depends, directly or through other modes,
+    on this module, which is in SC while it waits.
     """
     for i in waits:
         awaited = flat.modules[i]
@@ -388,7 +391,8 @@ def _cached_topic_symbol(kind: str, name: str, module: typed.ModuleSymbol) -> ty
 @lru_cache(maxsize=256)
 def _module_with_topics(symbol: typed.ModuleSymbol, names: Names) -> typed.ModuleSymbol:
     ttf, safer = (
-        None if e is None else _with_topics_for_reads(e, names) for e in (symbol.ttf, symbol.safer)
+        None if e is None else _code_with_topics_for_reads(e, names)
+        for e in (symbol.ttf, symbol.safer)
     )
     read = topic_reads(*(e for e in (ttf, safer) if e is not None))
     more = dict.fromkeys(t for t in dict(names).values() if t in read)
@@ -399,24 +403,24 @@ def _module_with_topics(symbol: typed.ModuleSymbol, names: Names) -> typed.Modul
 def _node_with_topics(node: typed.NodeSymbol, names: Names) -> typed.NodeSymbol:
     if node.extern:
         return node
-    step = _with_topics_for_reads(node.step, names)
-    takeover = None if node.takeover is None else _with_topics_for_reads(node.takeover, names)
+    step = _code_with_topics_for_reads(node.step, names)
+    takeover = None if node.takeover is None else _code_with_topics_for_reads(node.takeover, names)
     read = topic_reads(*step, *(takeover or ()))
     heard = dict.fromkeys(t for _, t in names if t in read)
     more = tuple(typed.Subscribed(t, None, "", node.span) for t in heard)
     return replace(node, step=step, takeover=takeover, subscribes=(*node.subscribes, *more))
 
 
-def _with_topics_for_reads(code: Any, names: Names) -> Any:  # noqa: ANN401 - any part of a tree
+def _code_with_topics_for_reads(code: Any, names: Names) -> Any:  # noqa: ANN401 - any part of a tree
     topic_by_read = dict(names)
 
-    def instead(part: Any) -> Any:  # noqa: ANN401 - any part of a tree
+    def topic_or_same(part: Any) -> Any:  # noqa: ANN401 - any part of a tree
         kind = READS.get(type(part), "")
         if kind and (kind, part.module) in topic_by_read:
             return typed.TopicRead(part.type, part.span, topic_by_read[kind, part.module])
         return part
 
-    return rewritten(code, instead)
+    return rewritten(code, topic_or_same)
 
 
 def _scope_with_topics(scope: Scope, topics: Mapping[typed.TopicSymbol, int]) -> Scope:

@@ -1,9 +1,9 @@
-"""Grids to try: which states stand together, over which ranges, on how many cells.
+"""Grids to try: the groups of states, their ranges, their numbers of cells.
 
-Purpose: `grid_hints` makes `grid` lines of what runs of the model reached (`model_states.py`): a
-group for states that move each other or that `safe` compares; ends where `safe` ends, else a little
-beyond what was reached; cells by how far a state moves until SC answers.
-Non-goals: whether anything is proved on them; levels, which the proof chooses.
+Purpose: `grid_hints` makes `grid` lines from what runs of the model reached (`model_states.py`).
+States that move each other, or that `safe` compares, form a group. An axis ends where `safe` ends,
+or a little beyond what was reached; its cells depend on how far a state moves until SC answers.
+Non-goals: proofs on these grids; levels, which the proof chooses.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ if TYPE_CHECKING:
 CELLS = {1: (400,), 2: (15_000, 60_000), 3: (30_000, 120_000, 270_000), 4: (65_000, 160_000)}
 """The numbers of cells of a group to try, by the number of its axes."""
 LEAST = 6
-"""The fewest cells of an axis, and the most times as many as another one has."""
+"""The fewest cells of an axis, and the largest ratio between the weights of two axes."""
 BEYOND = {"near": 0.4, "far": 0.2, "wide": 1.0}
-"""By how much of its width an axis reaches beyond what runs reached, at either end."""
+"""The share of its width by which an axis reaches beyond what runs reached, at each end."""
 WIDE_TO = 2
-"""Up to so many axes of a group wide ones are tried, too: there a cell more costs little."""
+"""For groups of no more axes than this wide grids are tried, too, as cells cost little."""
 
 
 def groups_to_try(found: ModelStates, named: Collection[int] = ()) -> list[list[int]]:
-    """The states that need an axis, in groups: those that move each other or that `safe` compares.
+    """The states that need an axis, in groups that move each other or that `safe` compares.
 
-    States that are `named` by a line of the program are left out.
+    States `named` by a `grid` line of the program are left out.
     """
-    joined = found.reads | found.reads.T | found.compared
+    joined = found.rate_reads | found.rate_reads.T | found.compared_in_safe
     groups: list[list[int]] = []
-    left = {int(s) for s in np.flatnonzero(found.needed)} - {*named}
+    left = {int(s) for s in np.flatnonzero(found.needs_axis)} - {*named}
     while left:
         todo, group = [min(left)], set()
         while todo:
@@ -55,10 +55,10 @@ def groups_to_try(found: ModelStates, named: Collection[int] = ()) -> list[list[
 def grid_hints(
     found: ModelStates, named: Collection[int] = ()
 ) -> tuple[list[tuple[int, Hints]], int]:
-    """Grids to try with their numbers of cells, those with fewer first; none for large groups.
+    """Grids to try, each with its number of cells, fewest first; none for groups of many axes.
 
-    `named`: the states of which lines of the program have an axis. The second result is how many of
-    the first grids are quick, as no more than two axes are in a group.
+    `named`: the states that have an axis in the program. The second result: the number of the first
+    grids that are quick to try, as their groups have few axes.
     """
     groups = groups_to_try(found, named)
     most = max(map(len, groups), default=0)
@@ -75,9 +75,9 @@ def grid_hints(
 def _grid_line(
     found: ModelStates, group: Sequence[int], cells: int, reached: str
 ) -> tuple[int, str]:
-    """The number of cells and the `grid` line of a group."""
+    """The number of cells and the `grid` line for a group."""
     ends = [_ends_of_axis(found, state, reached) for state in group]
-    sizes = np.array([high - low for low, high in ends]) / np.maximum(found.steps[group], 1e-12)
+    sizes = np.array([high - low for low, high in ends]) / np.maximum(found.hold_way[group], 1e-12)
     counts = _counts_of_cells(np.sqrt(np.maximum(sizes, 1.0)), min(cells, CELLS[len(group)][-1]))
     axes = [
         f"{found.names[s]} in [{low!r}, {high!r}] / {n}"
@@ -87,7 +87,7 @@ def _grid_line(
 
 
 def _counts_of_cells(weights: Floats, cells: int) -> list[int]:
-    """Numbers of cells along axes in proportion to their weights, no more than `cells` in all."""
+    """The numbers of cells along axes, in proportion to their weights, about `cells` in all."""
     weights = np.minimum(weights, LEAST * weights.min())
     scale = (cells / weights.prod()) ** (1.0 / len(weights))
     return [max(LEAST, int(scale * w)) for w in weights]
@@ -95,7 +95,7 @@ def _counts_of_cells(weights: Floats, cells: int) -> list[int]:
 
 def _ends_of_axis(found: ModelStates, state: int, reached: str) -> tuple[float, float]:
     low, high = (found.near if reached == "near" else found.far)[:, state]
-    more = BEYOND[reached] * (high - low) or float(found.steps[state])
+    more = BEYOND[reached] * (high - low) or float(found.hold_way[state])
     safe = found.ends[state]
     return (
         float(f"{safe[0]:.9g}") if isfinite(safe[0]) else rounded_outward(low - more, up=False),

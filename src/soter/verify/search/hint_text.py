@@ -1,7 +1,7 @@
-"""Hints of a proof in the text of a program: where they stand, and where found ones are put.
+"""Hints of a proof in the text of a program: where they are, where found ones are put.
 
-Purpose: `with_hints` gives the text with other hints of one module: `grid` lines in its `verify`
-block, or `rest` and `shield` among its clauses. Hints of the other method go; all else stays.
+Purpose: `with_hints` replaces the hints of one module in the text: `grid` lines in its `verify`
+block, or `rest` and `shield` among its clauses. It removes hints of the other proof method.
 Non-goals: finding hints (`grid_hints.py`, `rest_hints.py`); the layout (`syntax/printer.py`).
 """
 
@@ -20,19 +20,19 @@ if TYPE_CHECKING:
     from soter.language.syntax.lexer import Tokens
 
 BESIDE_REST = ("grid", "core", "levels", "rest", "ttf", "safer", "shield")
-"""Clauses of a module and items of its `verify` block for which a found `rest` stands."""
+"""The clauses of a module and items of its `verify` block that a found `rest` replaces."""
 BESIDE_GRIDS = ("grid", "rest")
-"""The same of found `grid` lines; a `shield` goes with the `rest` that it belongs to."""
+"""What found `grid` lines replace; a `shield` is removed together with a `rest`."""
 COMMENT = "  // found by `soter verify --write`"
 
 
 @dataclass(frozen=True)
 class Hints:
-    """Items of the `verify` block, or clauses of the module, each with its semicolon.
+    """Items of a `verify` block, or clauses of a module, each with its semicolon.
 
-    `added`: they stand beside those that the program has, and replace none. `longer`: the clause
-    `rest` with a longer time, to be tried where only the start is not led there in time; `farther`
-    lets states move farther, to be tried where how far they move is not shown.
+    `added`: they are added to those of the program, and replace none. `longer`: the clause `rest`
+    with a longer time, to be tried if only the start is not led to rest in time. `farther`: hints
+    with larger bounds of `moves`, to be tried if those bounds are not shown.
     """
 
     items: tuple[str, ...] = ()
@@ -46,7 +46,7 @@ class Hints:
 
 
 def with_hints(source: Source, module: ModuleSymbol, hints: Hints, comment: str = "") -> str:
-    """The text of `source` with these hints of `module`, which stands in it."""
+    """The text of `source`, which contains `module`, with these hints of the module."""
     tokens, text = lex(source), source.text
     edits: list[tuple[int, int, str]] = []
     of_grids = BESIDE_GRIDS if module.rest is None else (*BESIDE_GRIDS, "shield")
@@ -81,12 +81,12 @@ def with_hints(source: Source, module: ModuleSymbol, hints: Hints, comment: str 
 
 
 def _opening_brace(tokens: Tokens, start: int) -> int:
-    """The number of the token that opens the body of the declaration named at `start`."""
+    """The index of the token that opens the body of the declaration whose name is at `start`."""
     return tokens.kinds.index("{", tokens.starts.index(start))
 
 
 def _closing_brace(tokens: Tokens, opened: int) -> int:
-    """The number of the token that closes the body opened by token `opened`."""
+    """The index of the token that closes the body which token `opened` opens."""
     depth = 0
     for k in range(opened, len(tokens.kinds)):
         depth += {"{": 1, "}": -1}.get(tokens.kinds[k], 0)
@@ -96,7 +96,7 @@ def _closing_brace(tokens: Tokens, opened: int) -> int:
 
 
 def _items_of_body(tokens: Tokens, opened: int) -> Iterator[tuple[int, int]]:
-    """The first and the last token of each item of the body that token `opened` opens."""
+    """The indices of the first and last token of each item in the body that `opened` opens."""
     first = k = opened + 1
     while tokens.kinds[k] != "}":
         k = _closing_brace(tokens, k) if tokens.kinds[k] == "{" else k
@@ -108,7 +108,7 @@ def _items_of_body(tokens: Tokens, opened: int) -> Iterator[tuple[int, int]]:
 
 
 def _removal(text: str, start: int, end: int) -> tuple[int, int, str]:
-    """The edit that removes an item, with the spaces before it on its line."""
+    """The edit that removes an item and the spaces before it on its line."""
     while text[start - 1] in " \t":
         start -= 1
     return start, end, ""

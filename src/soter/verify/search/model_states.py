@@ -1,10 +1,10 @@
-"""States that matter to a module, how far they get, which move together: by runs of the model.
+"""The states of a module, by runs of the model: their ranges, which of them move together.
 
-Purpose: `ModelStates` simulates the module's plants under SC and under commands at their ends, from
-the declared start, and tells ranges of states from which SC stays in `safe`, the ends that `safe`
-gives a state, which states move together, and how far each moves within a hold. All of it is
-measured at points, so it may be wrong: it is what a search begins with, and a proof decides.
-Non-goals: hints made of it (`grid_hints.py`, `rest_hints.py`); the simulation (`model_runs.py`).
+Purpose: `ModelStates` simulates the module's plants under SC and under extreme commands, from the
+declared start. It has ranges of states from which SC stays in `safe`, the ends that `safe` gives a
+state, the states that move together, and how far each moves while a command is held. All of it is
+measured at points, so it may be wrong; a search begins with it, and a proof decides.
+Non-goals: hints (`grid_hints.py`, `rest_hints.py`); the simulation (`model_runs.py`).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from soter.verify.diagnosis.model_runs import FALSE, NS, PointModel, patterns_to
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
 from soter.verify.grid.case import Case
 from soter.verify.problem.extract import parameter_cases
-from soter.verify.problem.inputs import errors_of
+from soter.verify.problem.inputs import errors_by_state
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -32,27 +32,27 @@ if TYPE_CHECKING:
     from soter.verify.problem.problem import Interval, Problem
 
 HOLDS = 400
-"""Runs under SC last for this many of its periods at most."""
+"""Runs under SC last for this many periods of SC at most."""
 PUSHES = 64
-"""Commands at their ends are held for so many horizons H at most."""
+"""Extreme commands are held for this many horizons H at most."""
 CORNERS_MAX = 8
 SAMPLES = 40
 FARTHEST = 1e7
-"""A state without an end nearer than this, in its own unit, has none."""
+"""Ends of `safe` farther away than this, in units of the state, count as none."""
 STEPS_MAX = 60_000
-"""After so many steps of simulation no further push is followed."""
+"""After this many steps of simulation no further push is simulated."""
 LEAST_HOLDS, SETTLED = 40, 0.02
-"""A run is at least so long, and twice as long as it took until each state stayed at its end, but
-for this share of what it passed through."""
+"""The fewest periods of SC in a run; it is twice as long as it took until each state stayed at its
+final value, up to this share of the range that the state passed through."""
 
 
 @dataclass(eq=False)
 class ModelStates:
-    """What runs of the model say of the states of a problem, one array entry a state.
+    """Measurements, by runs of the model, of the states of a problem, one array entry a state.
 
-    `names`: as hints call them. `ends`: (states, 2), where `safe` ends along an axis through the
-    start; inf: nowhere. `near` and `far`: (2, states), the ranges that runs reached whose start is
-    half as far, and as far, pushed by commands as SC still rescues. `points`: the farthest starts.
+    `names`: those in hints. `ends`: (states, 2), where `safe` ends along a line through the start;
+    inf: nowhere. `far`: (2, states), the ranges reached by runs whose start was pushed by commands
+    as far as SC can still rescue; `near`: half as far. `points`: the farthest starts.
     """
 
     problem: Problem
@@ -64,32 +64,32 @@ class ModelStates:
     far: Floats
     points: list[Floats] = field(default_factory=list)
     rescued: bool = False
-    """Whether the runs from the start stay in `safe`."""
+    """Whether SC keeps all runs from the declared start in `safe`."""
     holds: int = HOLDS
-    """How many periods of SC a run lasts."""
+    """The number of periods of SC that a run lasts."""
     steps_done: int = 0
 
     @classmethod
-    def of(cls, problem: Problem, going: Callable[[], bool]) -> ModelStates:
-        """Simulates; `problem` is on any grid that holds the start, as one cell an axis."""
+    def of_problem(cls, problem: Problem, has_time_left: Callable[[], bool]) -> ModelStates:
+        """The measurements for a problem on any grid that holds the start, as one cell an axis."""
         library, _ = library_of(problem)
         parameter = next(iter(parameter_cases(problem)))
         model = PointModel(
             Case(problem, parameter, CompiledEnclosures(library, problem, parameter))
         )
         at = np.array([model.start, model.start])
-        found = cls(problem, model, _names(problem), _some_patterns(model), at, at, at)
+        found = cls(problem, model, _names_in_hints(problem), _some_patterns(model), at, at, at)
         found.ends = found._ends_of_safe()
-        found._explore(going)
+        found._explore(has_time_left)
         return found
 
     @property
     def period_s(self) -> float:
-        """SC's period in s."""
+        """The period of SC in s."""
         return self.problem.times.delta_sc * NS
 
-    def runs(self, starts: Sequence[Floats], holds: int) -> list[ModelTrace]:
-        """Runs under SC from each start, (states,), and under each pattern, those that ended."""
+    def runs_from(self, starts: Sequence[Floats], holds: int) -> list[ModelTrace]:
+        """The runs under SC from each start, (states,), under each pattern, if they stay finite."""
         made = (
             run_of_sc(self.model, x, p, holds * self.period_s, lambda: True, beyond=True)
             for x in starts
@@ -117,29 +117,29 @@ class ModelStates:
         x[state] += by
         return self.model.safe(x) == FALSE
 
-    def _explore(self, going: Callable[[], bool]) -> None:
+    def _explore(self, has_time_left: Callable[[], bool]) -> None:
         start = self.model.start
         self.holds = self._holds_until_settled()
-        traces = self._rescue(start)
+        traces = self._rescued_runs(start)
         self.rescued = traces is not None
         near = [np.array([start]), *(np.array(trace.states) for trace in traces or ())]
         far: list[Floats] = []
         for u, w in self._pushes() if self.rescued else ():
-            if self.steps_done > STEPS_MAX or not going():
+            if self.steps_done > STEPS_MAX or not has_time_left():
                 break
-            pushed = self._pushed(start, u, w)
-            k = self._last_rescued(pushed)
+            pushed = self._pushed_states(start, u, w)
+            k = self._number_of_last_rescued(pushed)
             self.points.append(pushed[k])
             for at, kept in ((k // 2, near), (k, far)):
                 kept += [np.array(pushed[: at + 1])]
-                kept += [np.array(trace.states) for trace in self._rescue(pushed[at]) or ()]
-        self.near = _range_of(near)
-        self.far = _range_of([*near, *far])
+                kept += [np.array(trace.states) for trace in self._rescued_runs(pushed[at]) or ()]
+        self.near = _range_of_states(near)
+        self.far = _range_of_states([*near, *far])
         self.points += [start]
 
     def _holds_until_settled(self) -> int:
-        """For how many periods of SC runs are followed: as it needs after pushes, and some more."""
-        pushed = [self._pushed(self.model.start, u, w)[:8][-1] for u, w in self._pushes()]
+        """The periods of SC until states have settled after pushes, doubled; `HOLDS` at most."""
+        pushed = [self._pushed_states(self.model.start, u, w)[:8][-1] for u, w in self._pushes()]
         needed = LEAST_HOLDS
         for x in pushed[:: max(1, len(pushed) // 3)]:
             trace = run_of_sc(
@@ -157,7 +157,7 @@ class ModelStates:
         return min(needed, HOLDS)
 
     def _pushes(self) -> list[tuple[Floats, Floats]]:
-        """Commands at their ends, with disturbances at theirs."""
+        """Pairs of extreme commands and extreme disturbances."""
         corners = [np.array(c) for c in product(*((u.low, u.high) for u in self.problem.controls))]
         if len(corners) > CORNERS_MAX:
             drawn = np.random.default_rng(0).choice(len(corners), CORNERS_MAX, replace=False)
@@ -169,8 +169,8 @@ class ModelStates:
             (u, w) for u in corners for w in (winds if self.problem.disturbances else winds[:1])
         ]
 
-    def _pushed(self, start: Floats, u: Floats, w: Floats) -> list[Floats]:
-        """The states after 0, 1, ... horizons of a command, while `safe` may hold."""
+    def _pushed_states(self, start: Floats, u: Floats, w: Floats) -> list[Floats]:
+        """The states after 0, 1, ... horizons H of a held command, while `safe` may hold."""
         horizon = self.problem.whole_periods(self.problem.times.horizon_ns)
         steps = max(1, round(horizon / self.problem.plant_period_ns))
         x, states = start, [start]
@@ -187,18 +187,18 @@ class ModelStates:
             states.append(x)
         return states
 
-    def _last_rescued(self, states: list[Floats]) -> int:
-        """The number of the last state from which SC stays in `safe`, by bisection."""
+    def _number_of_last_rescued(self, states: list[Floats]) -> int:
+        """The index of the last of `states` from which SC stays in `safe`, by bisection."""
         low, high = 0, len(states)
         while high - low > 1:
             middle = (low + high) // 2
             low, high = (
-                (middle, high) if self._rescue(states[middle]) is not None else (low, middle)
+                (middle, high) if self._rescued_runs(states[middle]) is not None else (low, middle)
             )
         return low
 
-    def _rescue(self, x: Floats) -> list[ModelTrace] | None:
-        """The runs from a state under SC; None where one of them leaves `safe`."""
+    def _rescued_runs(self, x: Floats) -> list[ModelTrace] | None:
+        """The runs under SC from a state, one per pattern; None where one leaves `safe`."""
         traces = []
         for pattern in self.patterns:
             trace = run_of_sc(self.model, x, pattern, self.holds * self.period_s, lambda: True)
@@ -209,9 +209,9 @@ class ModelStates:
         return traces
 
     @cached_property
-    def reads(self) -> Bools:
-        """(states, states): whether a state's rate, with SC, reads another state."""
-        draw, (low, high) = np.random.default_rng(1), self._drawn_from()
+    def rate_reads(self) -> Bools:
+        """Whether a state's rate, with SC, reads another state, shape (states, states)."""
+        draw, (low, high) = np.random.default_rng(1), self._ranges_to_draw_from()
         states, controls = len(self.names), len(self.problem.controls)
         rates, laws = np.zeros((states, states), bool), np.zeros((controls, states), bool)
         moved = np.zeros((states, controls), bool)
@@ -235,13 +235,13 @@ class ModelStates:
         return np.asarray(rates | (moved.astype(int) @ laws.astype(int) > 0))
 
     @cached_property
-    def needed(self) -> Bools:
-        """(states,): whether another state's rate, SC or `safe` hangs on a state."""
-        others = self.reads & ~np.eye(len(self.names), dtype=bool)
-        return np.asarray(others.any(axis=0) | self.limited.any(axis=1))
+    def needs_axis(self) -> Bools:
+        """Whether another state's rate, or SC, or `safe` depends on a state, shape (states,)."""
+        others = self.rate_reads & ~np.eye(len(self.names), dtype=bool)
+        return np.asarray(others.any(axis=0) | self.limited_in_safe.any(axis=1))
 
-    def _drawn_from(self) -> Floats:
-        """Ranges to draw states from: those reached, and a little more where a state stood."""
+    def _ranges_to_draw_from(self) -> Floats:
+        """The ranges from which states are drawn: those reached, wider if a state stood still."""
         low, high = self.far
         low, high = (
             np.where(np.isfinite(e), e, r) for e, r in zip(self.ends.T, (low, high), strict=True)
@@ -250,25 +250,25 @@ class ModelStates:
         return np.array([low - more, high + more])
 
     @cached_property
-    def compared(self) -> Bools:
-        """(states, states): whether `safe` compares a state with another one."""
-        draw, (low, high) = np.random.default_rng(2), self._drawn_from()
+    def compared_in_safe(self) -> Bools:
+        """Whether `safe` compares a state with another one, shape (states, states)."""
+        draw, (low, high) = np.random.default_rng(2), self._ranges_to_draw_from()
         reach = (high - low) / 2
         found = np.zeros((len(self.names), len(self.names)), bool)
         for _ in range(10 * SAMPLES):
             x, y = draw.uniform(low, high), draw.uniform(low - reach, high + reach)
             if self.model.safe(x) == FALSE:
                 continue
-            single = [self.model.safe(_with(x, y, i)) != FALSE for i in range(len(x))]
+            single = [self.model.safe(_mixed_state(x, y, i)) != FALSE for i in range(len(x))]
             for i, j in product(range(len(x)), repeat=2):
                 if i < j and single[i] and single[j] and not found[i, j]:
-                    found[i, j] = found[j, i] = self.model.safe(_with(x, y, i, j)) == FALSE
+                    found[i, j] = found[j, i] = self.model.safe(_mixed_state(x, y, i, j)) == FALSE
         return found
 
     @cached_property
-    def limited(self) -> Bools:
-        """(states, 2): whether less, or more, of a state can make `safe` false somewhere."""
-        draw, (low, high) = np.random.default_rng(3), self._drawn_from()
+    def limited_in_safe(self) -> Bools:
+        """Whether a smaller, or a larger, state can make `safe` false, shape (states, 2)."""
+        draw, (low, high) = np.random.default_rng(3), self._ranges_to_draw_from()
         found = np.isfinite(self.ends)
         for _ in range(SAMPLES):
             x = draw.uniform(low, high)
@@ -282,15 +282,15 @@ class ModelStates:
         return found
 
     @cached_property
-    def errors(self) -> Floats:
-        """(states,): how far the estimate of each state may be off."""
-        known = errors_of(self.problem)
+    def estimate_errors(self) -> Floats:
+        """The largest error of the estimate of each state, shape (states,)."""
+        known = errors_by_state(self.problem)
         return np.array([known.get(s, 0.0) for s in range(len(self.names))])
 
     @cached_property
-    def steps(self) -> Floats:
-        """How far each state, (states,), moves from a read of SC until its command ends."""
-        draw, (low, high) = np.random.default_rng(4), self._drawn_from()
+    def hold_way(self) -> Floats:
+        """The way of each state, (states,), from a read of SC to the end of the command."""
+        draw, (low, high) = np.random.default_rng(4), self._ranges_to_draw_from()
         moved = np.zeros(len(self.names))
         u_ends, w_ends = _ends_of(self.problem.controls), _ends_of(self.problem.disturbances)
         for _ in range(SAMPLES):
@@ -298,10 +298,10 @@ class ModelStates:
             rate = self.model.rate(x, u, w) - (x if self.model.is_map else 0.0)
             moved = np.maximum(moved, np.abs(rate))
         hold = self.period_s + self.problem.times.delay_sc * NS
-        return np.asarray((moved if self.model.is_map else moved * hold) + self.errors)
+        return np.asarray((moved if self.model.is_map else moved * hold) + self.estimate_errors)
 
 
-def _with(x: Floats, y: Floats, *states: int) -> Floats:
+def _mixed_state(x: Floats, y: Floats, *states: int) -> Floats:
     mixed: Floats = x.copy()
     for state in states:
         mixed[state] = y[state]
@@ -309,25 +309,25 @@ def _with(x: Floats, y: Floats, *states: int) -> Floats:
 
 
 def _ends_of(ranges: Sequence[Interval]) -> tuple[Floats, Floats]:
-    """The lower and the upper ends, (n,) each."""
+    """The lower ends and the upper ends of the ranges, (n,) each."""
     return np.array([i.low for i in ranges]), np.array([i.high for i in ranges])
 
 
-def _range_of(states: Sequence[Floats]) -> Floats:
+def _range_of_states(states: Sequence[Floats]) -> Floats:
     every = np.concatenate(states)
     return np.array([every.min(axis=0), every.max(axis=0)])
 
 
 def _some_patterns(model: PointModel) -> list[Pattern]:
-    """A few patterns: nothing disturbs, all is high or low, and some that were drawn."""
+    """A few patterns: no disturbance, all at one end, and two that are drawn."""
     quiet, *worse = patterns_to_try(model)
     drawn = np.random.default_rng(0).integers(0, len(worse), 2) if worse else ()
     chosen = {0, len(worse) - 1, *map(int, drawn)} if worse else set()
     return [quiet, *(worse[k] for k in sorted(chosen))]
 
 
-def _names(problem: Problem) -> tuple[str, ...]:
-    """The name of each state as a hint writes it: the topic that shows it, or the plant's own."""
+def _names_in_hints(problem: Problem) -> tuple[str, ...]:
+    """The name of each state in hints: that of the topic that shows it, or of the plant."""
     sc = problem.system.components[problem.module.sc]
     scopes = [
         *(c.scope for c in problem.system.components if c.plant),

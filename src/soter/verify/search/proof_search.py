@@ -1,9 +1,9 @@
-"""Searches how a module can be proved of which the program does not say it, within a budget.
+"""The search, within a budget, for hints with which a module is proved.
 
 Purpose: `find_hints` makes hints (`grid_hints.py`, `rest_hints.py`), writes one after the other
-into the text of the program, as a person would, checks that and proves the module: the cheapest
-promising try first. What it finds is a text, so certificates, builds and flights are of a program
-that says everything. Runs of the model only guide the search: what is proved was proved.
+into the text of the program, as a person would, checks the text, and tries to prove the module,
+with cheap hints first. The result is a text, so certificates, builds and flights are of a complete
+program. Runs of the model only guide the search; each proof is an ordinary one.
 Non-goals: modules with views, abstractions, proofs by induction, or an SC that is to be found.
 """
 
@@ -29,8 +29,9 @@ from soter.verify.problem.verification_system import verification_system_of
 from soter.verify.search.grid_hints import grid_hints
 from soter.verify.search.hint_text import COMMENT, Hints, with_hints
 from soter.verify.search.model_states import ModelStates
-from soter.verify.search.rest_hints import rest_hints
+from soter.verify.search.rest_hints import hints_with_box, rest_hints
 from soter.verify.tubes.rest_claims import HOW_FAR, TOO_MANY
+from soter.verify.tubes.verify import TubeResult
 from soter.verify.verify_module import module_method
 
 if TYPE_CHECKING:
@@ -42,32 +43,32 @@ if TYPE_CHECKING:
     from soter.verify.problem.problem import Problem
 
     Choose = Callable[[CheckResult], tuple[System, Module, Problem]]
-    """It gives the flat system, the module and the problem that are meant in a program."""
+    """A function that selects the flat system, the module and the problem in a program."""
 
 WIDE = 1e9
-"""Half of the width of the one cell an axis on which runs are simulated; beyond it a run ends."""
+"""Half the width of the only cell of each axis for simulated runs; beyond it a run ends."""
 GROWTH = 1.15
-"""The exponent of the number of cells with which the time of a try is taken to grow."""
+"""The time of a try is assumed to grow as the number of cells to this power."""
 WEIGHTS = {"P2a": 32, "start": 16, "P3": 8, "ttf": 4, "safer": 2, "P2b": 1}
-"""How much it says of a try that a claim is shown."""
+"""How much each shown claim counts in the rank of a try."""
 OF_A_TRY = 0.4
-"""The share of what is left of the budget that one try may take; what it cut short comes again, at
+"""The share of the remaining budget that one try may take; a try that was cut short is repeated at
 the end, with all that is left then."""
 OF_RESTS = 0.25
-"""The share of the budget that clauses `rest` may take together."""
+"""The share of the budget that all clauses `rest` together may take."""
 IN_VAIN, HELD = 100.0, 200.0
-"""The ranks of proofs of a module whose AC never gets control, or nothing says that it does."""
+"""The ranks of proofs where AC never gets control, and where it is not known to get it."""
 CUT_SHORT, ENDED = "cut short, so that others may be tried", "the budget ended"
 
 
-def cpu_s() -> float:
-    """The CPU seconds of this process and of those that it has started and that have ended."""
+def used_cpu_s() -> float:
+    """The CPU seconds used by this process and by its child processes that have ended."""
     used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     return sum(u.ru_utime + u.ru_stime for u in used)
 
 
 def may_be_found(checked: CheckResult, module: Module) -> bool:
-    """Whether hints of a module are looked for: it stands in the main file, without views."""
+    """Whether hints of a module may be searched: it is in the main file, without views, ..."""
     symbol, verify = module.symbol, module.symbol.verify
     other = verify.views or verify.abstracts or verify.induction or verify.enters or module.view
     main = checked.loaded is not None and symbol.span.source is checked.loaded.main.source
@@ -81,67 +82,69 @@ def find_hints(
     module: Module,
     budget_s: float,
     *,
-    own: bool,
+    hinted: bool,
     surely: bool = False,
-    rests_alone: bool = False,
+    only_rest: bool = False,
 ) -> ProofSearch:
-    """The first hints of a module with which all of it is proved, else the best of those tried.
+    """The search for hints that prove all of a module; it keeps the first such, or the best.
 
     `choose` picks the module out of a program that was checked; `flat` and `module` are those of
-    `checked`. `own`: it has hints of its own, in whose place others are tried. `surely`: they
-    are taken only if AC surely gets control. `rests_alone`: no grids are tried, and clauses `rest`
+    `checked`. `hinted`: the program has some, in whose place others are tried. `surely`: others
+    are taken only if AC surely gets control. `only_rest`: no grids are tried, and clauses `rest`
     may take all of the budget.
     """
-    for_rests_s = budget_s if rests_alone else OF_RESTS * budget_s
-    search = _Search(checked, choose, module, budget_s, for_rests_s, own=own, surely=surely)
+    for_rests_s = budget_s if only_rest else OF_RESTS * budget_s
+    search = _HintSearch(
+        checked, choose, module, budget_s, for_rests_s, hinted=hinted, surely=surely
+    )
     phase(f"{module.name}: which states its plants reach")
     try:
         found = search.reached_states(flat)
-        named = set[int]() if own else _named(found, module)
-        for cells, hints in _in_order(found, named, module, rests_alone=rests_alone):
-            if search.made.proved or not search.going():
+        named = set[int]() if hinted else _states_with_axes(found, module)
+        for cells, hints in _hints_in_order(found, named, module, only_rest=only_rest):
+            if search.made.proved or not search.has_time_left():
                 break
-            search.attempt(hints, cells, OF_A_TRY)
+            search.try_hints(hints, cells, OF_A_TRY)
         for cells, hints in search.cut_short:
-            if not search.made.proved and search.going():
-                search.attempt(hints, cells)
+            if not search.made.proved and search.has_time_left():
+                search.try_hints(hints, cells)
     except SoterError as error:
         search.made.refused = error.diagnostics[0]
     except (CancelledError, StepFaultError, UnboundedError, EnclosureError):
         pass
     except KeyboardInterrupt as stopped:
-        vars(stopped)["__notes__"] = search.so_far()
+        vars(stopped)["__notes__"] = search.tries_in_words()
         raise
-    search.made.ended = not search.going()
+    search.made.ended = not search.has_time_left()
     return search.made
 
 
-def _named(found: ModelStates, module: Module) -> set[int]:
-    """The states of which `grid` lines of the program have an axis."""
+def _states_with_axes(found: ModelStates, module: Module) -> set[int]:
+    """The numbers of the states that have an axis in `grid` lines of the program."""
     axes = [a for g in module.symbol.verify.groups for a in g.axes]
     leaves = {leaf_name(a.instance if a.topic is None else a.topic.name, a.path) for a in axes}
-    own = (leaf.name for leaf in found.problem.quantities.states)
-    return {s for s, names in enumerate(zip(found.names, own, strict=True)) if leaves & {*names}}
+    plain = (leaf.name for leaf in found.problem.quantities.states)
+    return {s for s, names in enumerate(zip(found.names, plain, strict=True)) if leaves & {*names}}
 
 
-def _in_order(
-    found: ModelStates, named: set[int], module: Module, *, rests_alone: bool
+def _hints_in_order(
+    found: ModelStates, named: set[int], module: Module, *, only_rest: bool
 ) -> Iterator[tuple[int, Hints]]:
-    """Hints to try with numbers of cells (0: none), those first that cost little."""
-    grids_alone = not rests_alone and (named or module.symbol.ttf or module.symbol.safer)
-    rests = [] if grids_alone else _rests(found)
-    grids, quick = ([], 0) if rests_alone else grid_hints(found, named)
+    """Hints to try, each with its number of cells (0: no grid), cheap ones first."""
+    grids_alone = not only_rest and (named or module.symbol.ttf or module.symbol.safer)
+    rests = [] if grids_alone else _rests_to_try(found)
+    grids, quick = ([], 0) if only_rest else grid_hints(found, named)
     return chain(grids[:quick], rests, grids[quick:])
 
 
-def _rests(found: ModelStates) -> Iterator[tuple[int, Hints]]:
-    """Clauses `rest` to try, with 0 cells each."""
+def _rests_to_try(found: ModelStates) -> Iterator[tuple[int, Hints]]:
+    """The clauses `rest` to try, each with 0 as its number of cells."""
     if found.problem.kind == "flow" and found.rescued:
         yield from ((0, h) for h in rest_hints(found))
 
 
-class _Search:
-    """The tries of one module."""
+class _HintSearch:
+    """The search for hints of one module, with its budget and its tries."""
 
     def __init__(
         self,
@@ -151,33 +154,33 @@ class _Search:
         budget_s: float,
         for_rests_s: float,
         *,
-        own: bool,
+        hinted: bool,
         surely: bool,
     ) -> None:
         assert checked.loaded is not None
-        self.made = ProofSearch(module.name, own)
+        self.made = ProofSearch(module.name, hinted)
         self._enough = inf if surely else HELD
         self._checked, self._choose, self._module = checked, choose, module
         self._source = checked.loaded.main.source
-        self._until, self._for_rests = cpu_s() + budget_s, for_rests_s
+        self._until, self._for_rests = used_cpu_s() + budget_s, for_rests_s
         self._best = -1.0
         self._cell_s = 0.0, 0
         self._no_rest = False
         self.cut_short: list[tuple[int, Hints]] = []
 
-    def going(self) -> bool:
-        """Whether there is time left."""
-        return cpu_s() < self._until
+    def has_time_left(self) -> bool:
+        """Whether the budget is not yet used up."""
+        return used_cpu_s() < self._until
 
-    def so_far(self) -> list[str]:
-        """Lines of what was tried before an interruption."""
+    def tries_in_words(self) -> list[str]:
+        """Lines on the hints that were tried before an interruption."""
         name, tries = self.made.module, [t for t in self.made.tries if not t.untried]
         if not tries:
             return [f"{name}: no hint was tried yet, no claim settled"]
         return [f"{name}: tried `{t.hints}`: {t.gave}" for t in tries]
 
     def reached_states(self, flat: System) -> ModelStates:
-        """The states that runs of the module's model reach."""
+        """The states of the module's model that its runs reach."""
         at = verification_system_of(flat, self._module)
         diagnostics = Diagnostics()
         inputs = inputs_of(at, diagnostics)
@@ -186,21 +189,21 @@ class _Search:
         lines = tuple(f"grid {name} in [{-WIDE!r}, {WIDE!r}] / 1;" for name in names)
         checked = check_file(self._source.name, self._text_with(Hints(items=lines)))
         _, _, problem = self._choose(checked)
-        return ModelStates.of(problem, self.going)
+        return ModelStates.of_problem(problem, self.has_time_left)
 
     def _text_with(self, hints: Hints, comment: str = "") -> str:
         return with_hints(self._source, self._module.symbol, hints, comment)
 
-    def attempt(self, hints: Hints, cells: int, share: float = 1.0) -> None:
-        """Proves the module with these hints, and keeps them if they are the best.
+    def try_hints(self, hints: Hints, cells: int, share: float = 1.0) -> None:
+        """Tries to prove the module with these hints, and keeps them if they are the best.
 
-        `share`: of what is left of the budget it may take so much.
+        `share`: the share of the remaining budget that this may take.
         """
         if hints.clauses and (self._no_rest or self._for_rests <= 0.0):
             return
         spent, before = self._cell_s
         expected = spent * (cells / before) ** GROWTH if cells and before else 0.0
-        began = cpu_s()
+        began = used_cpu_s()
         if expected > self._until - began:
             self.made.tries.append(Try(str(hints), "not tried", expected, untried=True))
             return
@@ -210,43 +213,49 @@ class _Search:
         if gave == CUT_SHORT and share < 1.0:
             self.cut_short.append((cells, hints))
         shown = ENDED if gave == CUT_SHORT and share == 1.0 else gave
-        took = cpu_s() - began
+        took = used_cpu_s() - began
         self._for_rests -= took if hints.clauses else 0.0
         if cells and result is not None:
             self._cell_s = took, cells
         self.made.tries.append(Try(str(hints), shown, took, cut=gave == CUT_SHORT))
-        # of a `rest` that takes too many operations a larger one may take fewer
+        # where a `rest` takes too many operations, a larger one may take fewer
         refused = result is None and gave != CUT_SHORT and TOO_MANY not in gave
         self._no_rest |= bool(hints.clauses) and refused
         if result is None:
             return
-        if (rank := _rank(result)) > self._best:
+        if (rank := _rank_of_result(result)) > self._best:
             self._best = rank
             self.made.found, self.made.result, self.made.checked = hints, result, checked
             self.made.proved = rank >= self._enough
         if hints.clauses and rank < inf:
-            self._attempt_more(hints, result)
+            self._try_further_hints(hints, result)
 
-    def _attempt_more(self, hints: Hints, result: ModuleResult) -> None:
-        """Tries a `rest` with a larger time or larger moves, or with single commands judged."""
+    def _try_further_hints(self, hints: Hints, result: ModuleResult) -> None:
+        """Tries a `rest` with larger moves, another box, a longer time, or with a shield."""
         open_ = [n for n, f in result.findings.items() if not f.holds]
         why = result.findings["P2a"].text
         if hints.farther is not None and HOW_FAR in why:
-            self.attempt(hints.farther, 0)
+            self.try_hints(hints.farther, 0)
+        elif isinstance(result, TubeResult) and (other := result.claims.other):
+            leaf = result.problem.leaf_of_state
+            further = hints_with_box(hints, {leaf(s): r for s, r in other.items()})
+            if str(further) not in {t.hints for t in self.made.tries}:
+                self._for_rests = inf  # P2a is shown there, so it may take what is left
+                self.try_hints(further, 0)
         elif open_ == ["start"] and hints.longer:
-            self.attempt(Hints(clauses=(hints.longer, *hints.clauses[1:])), 0)
+            self.try_hints(Hints(clauses=(hints.longer, *hints.clauses[1:])), 0)
         elif not open_ and "shield;" not in hints.clauses:
-            self.attempt(Hints(clauses=(*hints.clauses, "shield;"), longer=hints.longer), 0)
+            self.try_hints(Hints(clauses=(*hints.clauses, "shield;"), longer=hints.longer), 0)
 
     def _prove_with(
         self, hints: Hints, until: float
     ) -> tuple[str, ModuleResult | None, CheckResult | None]:
-        """What the hints gave in words; the result and the program, or None where there is none."""
+        """The outcome in words, the result, and the program; None where there are none."""
         try:
-            checked = _checked(self._source.name, self._laid_out(hints))
+            checked = _checked_program(self._source.name, self._laid_out_text_with(hints))
             _, _, problem = self._choose(checked)
             problem.cells_open = False
-            with within_phase(), cancelled_when(lambda: cpu_s() > until):
+            with within_phase(), cancelled_when(lambda: used_cpu_s() > until):
                 result = module_method(problem).verify(
                     problem, refute=False, explain=False, search=None, compiled=None
                 )
@@ -259,24 +268,24 @@ class _Search:
             return CUT_SHORT, None, None
         return _result_in_words(result), result, checked
 
-    def _laid_out(self, hints: Hints) -> str:
-        """The text with the hints; laid out again where the program was laid out."""
+    def _laid_out_text_with(self, hints: Hints) -> str:
+        """The text with the hints, formatted if the program's text was formatted."""
         text, source = self._text_with(hints, COMMENT), self._source
         if format_source(source, Diagnostics()) != source.text:
             return text
         return format_source(Source(source.name, text), Diagnostics()) or text
 
 
-def _checked(name: str, text: str) -> CheckResult:
-    """The program of this text; `SoterError` if it has errors."""
+def _checked_program(name: str, text: str) -> CheckResult:
+    """The checked program with this text; raises `SoterError` if it has errors."""
     checked = check_file(name, text)
     if not checked.ok:
         raise SoterError(checked.diagnostics.items)
     return checked
 
 
-def _rank(result: ModuleResult) -> float:
-    """How good a result is; inf: everything is proved, and AC gets control."""
+def _rank_of_result(result: ModuleResult) -> float:
+    """The rank of a result, higher if better; inf: all is proved, and AC gets control."""
     often = "" if result.vacuity is None else result.vacuity.how_often
     if result.verdict in (PROVED, ASSUMED):
         return {NEVER: IN_VAIN, NOT_SHOWN: HELD}.get(often, inf)
@@ -285,10 +294,10 @@ def _rank(result: ModuleResult) -> float:
 
 
 def _result_in_words(result: ModuleResult) -> str:
-    """What a try gave."""
+    """The outcome of a try in words."""
     if result.verdict in (PROVED, ASSUMED):
         but = f", but {result.vacuity.text}" if result.vacuity is not None else ""
-        return f"{PROVED}{result.whilst}{but}"
+        return f"{PROVED}{result.verdict_note}{but}"
     open_ = {n: f for n, f in result.findings.items() if not f.holds}
     first = next(iter(open_.values()))
     return f"{', '.join(open_)} {result.verdict}: {first.text}"

@@ -1,8 +1,8 @@
-"""The program of a module of which hints were found, in the place of one that says none, or others.
+"""The program with hints that were found, in the place of a program without them, or with others.
 
-Purpose: `with_found_hints` looks for hints of modules whose states nothing bounds;
-`with_better_hints` of those that their own hints leave undecided; `searches_for_rest` looks for
-clauses `rest` alone.
+Purpose: `with_found_hints` searches hints for modules whose states nothing bounds;
+`with_better_hints` for modules that their hints leave undecided; `searches_for_rest` searches only
+clauses `rest`.
 Non-goals: the search for one module (`proof_search.py`).
 """
 
@@ -46,7 +46,7 @@ NO_TIME = (
 def with_found_hints(
     checked: CheckResult, pick: Mapping[str, Any], budget_s: float, refused: SoterError
 ) -> tuple[CheckResult, tuple[ProofSearch, ...]]:
-    """The program with hints that were found where it bounds no states.
+    """The program with hints for the modules that have none, and the searches for them.
 
     `pick`: the modules to verify, as arguments of `modules_of`; `refused`: R008 of some of them. It
     is raised for a module for which no hint could be tried, and for the modules after it.
@@ -59,7 +59,7 @@ def with_found_hints(
     for name, place in places.items():
         if not _is_refused(*module_named(checked, name, pick)):
             continue
-        made = _search_hints(checked, name, pick, budget_s, own=False)
+        made = _search_hints(checked, name, pick, budget_s, hinted=False)
         if made is None or made.checked is None:
             found = {places[s.module] for s in searches}
             raise SoterError(
@@ -77,14 +77,14 @@ def with_found_hints(
 def with_better_hints(
     checked: CheckResult, pick: Mapping[str, Any], results: Sequence[ModuleResult], budget_s: float
 ) -> tuple[CheckResult, tuple[ProofSearch, ...]]:
-    """The program with other hints of modules that its own leave undecided, if these prove them."""
+    """The program with new hints for undecided modules that these prove, and the searches."""
     searches = []
     for result in results:
         symbol = result.problem.module.symbol
         if result.verdict != UNDECIDED or symbol.ttf or result.problem.kind == "nodes":
             continue
         surely = result.findings["P2a"].holds
-        made = _search_hints(checked, result.name, pick, budget_s, own=True, surely=surely)
+        made = _search_hints(checked, result.name, pick, budget_s, hinted=True, surely=surely)
         if made is not None:
             searches.append(made)
             checked = made.checked if made.proved and made.checked is not None else checked
@@ -94,9 +94,9 @@ def with_better_hints(
 def searches_for_rest(
     checked: CheckResult, pick: Mapping[str, Any], budget_s: float
 ) -> tuple[ProofSearch, ...]:
-    """The searches for a clause `rest` of each module for which hints are looked for."""
+    """The searches for a clause `rest`, one for each module whose hints may be searched."""
     made = (
-        _search_hints(checked, n, pick, budget_s, own=False, rests_alone=True)
+        _search_hints(checked, n, pick, budget_s, hinted=False, only_rest=True)
         for n in _module_names(checked, pick)
     )
     return tuple(m for m in made if m is not None)
@@ -108,11 +108,11 @@ def _search_hints(
     pick: Mapping[str, Any],
     budget_s: float,
     *,
-    own: bool,
+    hinted: bool,
     surely: bool = False,
-    rests_alone: bool = False,
+    only_rest: bool = False,
 ) -> ProofSearch | None:
-    """The search for hints of a module; None where hints of it are not looked for."""
+    """The search for hints of a module; None where its hints may not be searched."""
 
     def choose(other: CheckResult) -> tuple[System, Module, Problem]:
         assert other.program is not None
@@ -123,7 +123,7 @@ def _search_hints(
     if not may_be_found(checked, module):
         return None
     return find_hints(
-        checked, choose, flat, module, budget_s, own=own, surely=surely, rests_alone=rests_alone
+        checked, choose, flat, module, budget_s, hinted=hinted, surely=surely, only_rest=only_rest
     )
 
 
@@ -141,18 +141,18 @@ def _module_names(checked: CheckResult, pick: Mapping[str, Any]) -> list[str]:
 
 
 def _place_of(module: Module) -> tuple[str, int]:
-    """The file and the place where R008 of a module stands."""
+    """The file and the offset at which R008 of a module is reported."""
     span = module.symbol.verify.span or module.symbol.span
     return span.source.name, span.start
 
 
 def _place_of_error(refused: Diagnostic) -> tuple[str, int]:
-    assert refused.primary is not None  # R008 stands at a module
+    assert refused.primary is not None  # R008 is reported at a module
     return refused.primary.span.source.name, refused.primary.span.start
 
 
 def _with_tries(refused: Diagnostic, search: ProofSearch | None) -> Diagnostic:
-    """The error R008 with notes on what was tried in vain; `search` None: nothing was tried."""
+    """The error R008 with notes on the hints tried in vain; `search` None: none were tried."""
     helps = tuple(h for h in refused.helps if h != FINDS)
     if search is None:
         return replace(refused, notes=(*refused.notes, NOT_LOOKED_FOR), helps=helps)

@@ -1,6 +1,6 @@
-"""Numbers and times as a hint writes them: rounded outward to few digits.
+"""Numbers and times in hints, which are rounded outward to few digits.
 
-Purpose: `rounded_outward` for ends and bounds, `duration_text` for a time that is long enough.
+Purpose: `rounded_outward` rounds ends and bounds, `duration_text` writes a time.
 Non-goals: numbers for people (`report/`).
 """
 
@@ -12,7 +12,7 @@ from soter.language.model.types import write_ns
 
 
 def rounded_outward(value: float, *, up: bool, digits: int = 2) -> float:
-    """A number rounded up or down to `digits` digits."""
+    """The number `value`, rounded up or down to `digits` digits."""
     if value == 0.0 or not isfinite(value):
         return float(value)
     unit = 10.0 ** (floor(log10(abs(value))) - digits + 1)
@@ -21,6 +21,6 @@ def rounded_outward(value: float, *, up: bool, digits: int = 2) -> float:
 
 
 def duration_text(seconds: float) -> str:
-    """A time of at least so long, in whole seconds, or in whole parts of one if it is short."""
+    """The text of a time rounded up to whole seconds, or, if short, to whole ms or us."""
     part_ns = 10**9 if seconds >= 10.0 else 10**6 if seconds >= 0.01 else 10**3
     return write_ns(ceil(seconds * 1e9 / part_ns) * part_ns)

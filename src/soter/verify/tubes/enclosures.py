@@ -22,15 +22,15 @@ if TYPE_CHECKING:
 
 
 def enclosed_ranges(nodes: Sequence[Node], ranges: Ranges) -> list[Interval]:
-    """A range around each expression, over `ranges`; (-inf, inf) where nothing is known."""
-    return Enclosures([nodes]).of(0, ranges)
+    """A range around each expression over `ranges` of the inputs; (-inf, inf): none is known."""
+    return Enclosures([nodes]).ranges(0, ranges)
 
 
 class Enclosures:
-    """Lists of expressions, written out once and enclosed over several ranges.
+    """Lists of expressions, each compiled once and then enclosed over several ranges.
 
-    `shared`: an input is the same number wherever it stands in a list; otherwise each place may
-    have another number.
+    `shared`: an input has the same value wherever it stands in a list; otherwise its places may
+    have different values.
     """
 
     def __init__(self, lists: Sequence[Sequence[Node]], *, shared: bool = False) -> None:
@@ -46,16 +46,16 @@ class Enclosures:
             text.append(fun_text(f"asked_{k}", f"a: {many}", nodes, over, f"Form[{len(nodes)}]"))
         self._caller = Caller("\n".join(text))
 
-    def of(self, k: int, ranges: Ranges) -> list[Interval]:
-        """A range around each expression of list `k` over `ranges`; endless if nothing is known."""
+    def ranges(self, k: int, ranges: Ranges) -> list[Interval]:
+        """A range around each expression of list `k`; (-inf, inf) where nothing is known."""
         value = self._caller.result
-        inputs: list[Any] = [self._form(i, ranges[e.of]) for i, e in enumerate(self._used[k])]
+        inputs: list[Any] = [self._input_form(i, ranges[e.of]) for i, e in enumerate(self._used[k])]
         inputs = inputs or [value("f_number", 0.0)]
         found = value(f"asked_{k}", inputs)
         if found is None:
             return [Interval(-inf, inf)] * self._count[k]
         return [Interval(f[2], f[3]) for f in found]
 
-    def _form(self, i: int, r: Interval) -> Any:  # noqa: ANN401 - a value of the program
+    def _input_form(self, i: int, r: Interval) -> Any:  # noqa: ANN401 - a value of the program
         c, off, *ends, g = self._caller.result("f_range", r.low, r.high)
         return (c, 0.0, *ends, (*g[:i], off, *g[i + 1 :])) if self._shared else (c, off, *ends, g)

@@ -1,4 +1,4 @@
-"""Real expressions: a graph in which equal expressions are one node.
+"""A graph of real expressions in which equal expressions are one node.
 
 Purpose: `Expressions` makes nodes, takes factors out and differentiates along a direction. Nothing
 is rounded: an expression means the exact real function, and each form that encloses it
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 
 
 LARGEST = 1e300
-"""Above it no form computes (`forms.soter`)."""
+"""Forms do not compute with larger numbers (`forms.soter`)."""
 PARTIAL = frozenset({"sqrt", "tan", "inverse", "limit", "log", "asin", "acos"})
-"""Functions that are not defined everywhere."""
+"""The functions that are not defined for all numbers."""
 POWER_MAX = 16
 MAY_FAULT = (
     "a command or a disturbance may make a plant fault: a divisor be 0, or a function beyond its "
@@ -34,16 +34,16 @@ MAY_FAULT = (
 CONDITIONS = frozenset(
     {"known", "and", "or", "positive", "not negative", "inside", "sign", "branch"}
 )
-"""`sign`: of a number that is beside 0. `branch`: what a step decides, by its number."""
+"""`sign`: x > 0, undecided at 0. `branch`: a condition that a step decides, by its number."""
 
 
 class NoExpressionError(Exception):
-    """Core does something that no expression of reals describes; the text says what, for people."""
+    """Core computes something that no real expression describes; the text says what."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Node:
-    """An operator `op` and its operands `of`: nodes, or values for "number", "known" and "input".
+    """An operator `op` and its operands `of`, nodes or, for "number", "known", "input", values.
 
     `Expressions` makes each node once, so equal expressions are the same object.
     """
@@ -57,14 +57,14 @@ Value = Any
 
 
 class Expressions:
-    """Makes nodes, and folds constants where no rounding is involved."""
+    """The maker of nodes; it folds constants where no rounding is involved."""
 
     def __init__(self) -> None:
         self._nodes: dict[tuple[object, ...], Node] = {}
         self._negated: dict[Node, Node] = {}
         self._most: dict[Node, float] = {}
         self.hidden: dict[Node, None] = {}
-        """Conditions that what constants stand for, `0.0 * sqrt(x)` as 0.0, is a finite number."""
+        """Conditions that what constants replace, as 0.0 `0.0 * sqrt(x)`, is a finite number."""
         self.true, self.false = self._node("known", True), self._node("known", False)
 
     def _node(self, op: str, *of: object) -> Node:
@@ -75,72 +75,72 @@ class Expressions:
             )
         return e
 
-    def number(self, value: float) -> Node:
-        """A constant; `NoExpressionError` for one that forms do not hold."""
+    def constant(self, value: float) -> Node:
+        """The node of a constant; raises `NoExpressionError` for one that forms cannot hold."""
         if not abs(value) < LARGEST:
             raise NoExpressionError("a constant that is too large")
         return self._node("number", float(value))
 
-    def _folded(self, op: Callable[[Any, Any], Any], a: Node, b: Node) -> Node | None:
-        """The constant that an operation on constants gives; None where it is rounded."""
+    def _folded_constant(self, op: Callable[[Any, Any], Any], a: Node, b: Node) -> Node | None:
+        """The node of the exact result of `op` on two constants; None: not constant, or rounded."""
         if a.op != "number" or b.op != "number":
             return None
         exact = op(Fraction(a.of[0]), Fraction(b.of[0]))
         value = op(a.of[0], b.of[0])
-        return self.number(value) if abs(value) < LARGEST and exact == Fraction(value) else None
+        return self.constant(value) if abs(value) < LARGEST and exact == Fraction(value) else None
 
-    def _stands_for(self, constant: Node, *operands: Node) -> Node:
-        """Gives `constant`; `hidden` notes operands that may be NaN or infinite instead."""
+    def _constant_for(self, constant: Node, *operands: Node) -> Node:
+        """The node `constant`; adds to `hidden` that its operands have to be finite."""
         for x in operands:
             if not self._most[x] < LARGEST:
-                self.hidden[self.inside(x, -LARGEST, LARGEST)] = None
+                self.hidden[self.in_range(x, -LARGEST, LARGEST)] = None
         return constant
 
     def input(self, kind: str, index: int) -> Node:
-        """An input by its kind ("x" a state, "u" a control, "w" a disturbance, ...) and number."""
+        """The node of an input, by kind ("x" state, "u" control, "w" disturbance) and number."""
         return self._node("input", kind, index)
 
     def add(self, a: Node, b: Node) -> Node:
-        """The sum."""
-        if (known := self._folded(operator.add, a, b)) is not None:
+        """The node of the sum a + b."""
+        if (known := self._folded_constant(operator.add, a, b)) is not None:
             return known
         if a.op == "number":
             a, b = b, a
-        if b == self.number(0.0):
+        if b == self.constant(0.0):
             return a
         if b.op == "neg":
             return self._node("sub", a, b.of[0])
         return self._node("add", a, b)
 
     def neg(self, a: Node) -> Node:
-        """The expression -a."""
+        """The node of -a."""
         if a.op == "number":
-            return self.number(-a.of[0])
+            return self.constant(-a.of[0])
         return a.of[0] if a.op == "neg" else self._node("neg", a)
 
     def sub(self, a: Node, b: Node) -> Node:
-        """The difference."""
-        return self._stands_for(self.number(0.0), a) if a is b else self.add(a, self.neg(b))
+        """The node of the difference a - b."""
+        return self._constant_for(self.constant(0.0), a) if a is b else self.add(a, self.neg(b))
 
     def mul(self, a: Node, b: Node) -> Node:
-        """The product."""
+        """The node of the product a b."""
         if a.op == "number":
             a, b = b, a
-        if (known := self._folded(operator.mul, a, b)) is not None:
+        if (known := self._folded_constant(operator.mul, a, b)) is not None:
             return known
         if b.op == "number":
             k = b.of[0]
             if k in (0.0, 1.0, -1.0):
                 zero = k == 0.0
-                return self._stands_for(b, a) if zero else a if k == 1.0 else self.neg(a)
+                return self._constant_for(b, a) if zero else a if k == 1.0 else self.neg(a)
             return self._node("mul", a, b)
         return self._node("square", a) if a is b else self._node("mul", a, b)
 
     def div(self, a: Node, b: Node) -> Node:
-        """The quotient."""
+        """The node of the quotient a / b."""
         if b.op == "number" and b.of[0]:
             if _is_power_of_two(b.of[0]):
-                return self.mul(a, self.number(1.0 / b.of[0]))
+                return self.mul(a, self.constant(1.0 / b.of[0]))
             return self._node("over", a, b)
         if b.op == "add" and b.of[0].op == "abs" and b.of[1].op == "number" and b.of[1].of[0] > 0.0:
             x, k = b.of[0].of[0], b.of[1]
@@ -149,13 +149,13 @@ class Expressions:
         return self.mul(a, self._node("inverse", b))
 
     def factor(self, e: Node, x: Node) -> Node | None:
-        """A p with e = x p for all values of the inputs; None where no such p is found."""
+        """A node p with e = x p for all values of the inputs; None where none is found."""
         if e is x:
-            return self.number(1.0)
-        if e is self.number(0.0):
+            return self.constant(1.0)
+        if e is self.constant(0.0):
             return e
         if e.op == "friction" and e.of[0] is x:
-            return self.function("inverse", self.add(self.function("abs", x), e.of[1]))
+            return self.function_node("inverse", self.add(self.function_node("abs", x), e.of[1]))
         if e.op == "square":
             return x if e.of[0] is x else None
         if e.op in ("add", "sub"):
@@ -180,7 +180,7 @@ class Expressions:
     def split_off_factor(self, e: Node, x: Node) -> tuple[Node, Node]:
         """A pair (p, rest) with e = x p + rest."""
         if (p := self.factor(e, x)) is not None:
-            return p, self.number(0.0)
+            return p, self.constant(0.0)
         if e.op in ("add", "sub"):
             a, b = (self.split_off_factor(y, x) for y in e.of)
             join = getattr(self, e.op)
@@ -188,40 +188,40 @@ class Expressions:
         if e.op == "neg":
             p, rest = self.split_off_factor(e.of[0], x)
             return self.neg(p), self.neg(rest)
-        return self.number(0.0), e
+        return self.constant(0.0), e
 
     def extreme(self, op: str, a: Node, b: Node) -> Node:
-        """`min` or `max` of two; a constant where an inner constant leaves no choice."""
+        """The node of `min` or `max` (`op`) of two; a constant where the result is certain."""
         if a.op == "number" and b.op == "number":
-            return self.number((min if op == "min" else max)(a.of[0], b.of[0]))
+            return self.constant((min if op == "min" else max)(a.of[0], b.of[0]))
         if a.op == "number":
             a, b = b, a
         if b.op == "number" and a.op in ("min", "max") and a.op != op and a.of[1].op == "number":
             low, high = (a.of[1], b) if op == "min" else (b, a.of[1])
-            if low.of[0] >= high.of[0]:  # no clamp: the last of the two is all there is
-                return self._stands_for(b, a)
+            if low.of[0] >= high.of[0]:  # the result is always the outer constant
+                return self._constant_for(b, a)
         return a if a is b else self._node(op, a, b)
 
     def clamp(self, x: Node, low: Node, high: Node) -> Node:
-        """`x` limited to [low, high]; NoExpressionError where that is empty, so that it is NaN."""
+        """The node of `x` limited to [low, high]; NoExpressionError for constants low > high."""
         if low.op == "number" and high.op == "number":
             if low.of[0] > high.of[0]:
                 raise NoExpressionError("a limit whose ends are the wrong way round")
             return self.extreme("min", self.extreme("max", x, low), high)
         return self._node("limit", x, low, high)
 
-    def function(self, name: str, *of: Node) -> Node:
-        """`sin`, `sqrt`, `atan2`, ..."""
+    def function_node(self, name: str, *of: Node) -> Node:
+        """The node of a function (`sin`, `sqrt`, `atan2`, ...) of some nodes."""
         return self._node(name, *of)
 
     def power(self, a: Node, by: Node) -> Node:
-        """a^by: products for a small whole number, otherwise exp(by log a), for a > 0 alone."""
+        """The node of a^by: products for a small whole `by`, otherwise exp(by log a), for a > 0."""
         if by.op == "number" and by.of[0].is_integer() and 2 <= abs(by.of[0]) <= POWER_MAX:
-            made = self.number(1.0)
+            made = self.constant(1.0)
             for bit in f"{int(abs(by.of[0])):b}":
-                made = self.mul(self.mul(made, made), a if bit == "1" else self.number(1.0))
-            return made if by.of[0] > 0.0 else self.function("inverse", made)
-        return self.function("exp", self.mul(by, self.function("log", a)))
+                made = self.mul(self.mul(made, made), a if bit == "1" else self.constant(1.0))
+            return made if by.of[0] > 0.0 else self.function_node("inverse", made)
+        return self.function_node("exp", self.mul(by, self.function_node("log", a)))
 
     def compare(self, op: str, a: Node, b: Node) -> Node:
         """The condition `a op b`, as the sign of a difference: "positive" or "not negative"."""
@@ -231,32 +231,32 @@ class Expressions:
             above = a is not b and a.of[0] > b.of[0]
             equal = a is b or a.of[0] == b.of[0]
             known = self.true if above or (equal and op in ("<=", ">=")) else self.false
-            return self._stands_for(known, a)
+            return self._constant_for(known, a)
         ahead = self.sub(a, b)
         if is_positive(ahead) or is_positive(self.neg(ahead)):
-            return self._stands_for(self.true if is_positive(ahead) else self.false, ahead)
+            return self._constant_for(self.true if is_positive(ahead) else self.false, ahead)
         return self._node("positive" if op in ("<", ">") else "not negative", ahead)
 
-    def sign(self, a: Node) -> Node:
-        """The condition `a > 0`, of which nothing is known at 0."""
+    def sign_of(self, a: Node) -> Node:
+        """The condition `a > 0`, which is undecided where a is 0."""
         return self._node("sign", a)
 
-    def inside(self, a: Node, low: float, high: float) -> Node:
-        """`low <= a <= high`."""
+    def in_range(self, a: Node, low: float, high: float) -> Node:
+        """The condition `low <= a <= high`."""
         return self._node("inside", a, low, high)
 
-    def not_(self, a: Node) -> Node:
-        """The negation: that of a > 0 is -a >= 0. Each is made once."""
+    def negation(self, a: Node) -> Node:
+        """The negation of a condition, made once for each; that of a > 0 is -a >= 0."""
         if a not in self._negated:
-            self._negated[a] = self._not(a)
+            self._negated[a] = self._new_negation(a)
         return self._negated[a]
 
-    def _not(self, a: Node) -> Node:
+    def _new_negation(self, a: Node) -> Node:
         if a.op == "known":
             return self.false if a is self.true else self.true
         if a.op in ("and", "or"):
             other = "or" if a.op == "and" else "and"
-            return self._node(other, *[self.not_(x) for x in a.of])
+            return self._node(other, *[self.negation(x) for x in a.of])
         assert a.op != "inside"
         other = {"sign": "sign", "positive": "not negative"}.get(a.op, "positive")
         return self._node(other, self.neg(a.of[0]))
@@ -271,19 +271,19 @@ class Expressions:
         return a if b is goes_on else self._node(op, a, b)
 
     def select(self, condition: Node, a: Node, b: Node) -> Node:
-        """`a` where the condition holds, else `b`."""
+        """The node of `a` where the condition holds, and of `b` elsewhere."""
         if condition.op == "known":
             return a if condition is self.true else b
         return a if a is b else self._node("select", condition, a, b)
 
-    def replaced(self, e: Node, known: dict[Node, Node]) -> Node:
-        """`e` with each node of `known` replaced; `known` also remembers the results on the way."""
+    def substituted(self, e: Node, known: dict[Node, Node]) -> Node:
+        """The node `e` with keys of `known` replaced by their values; adds results to `known`."""
         if e not in known:
-            known[e] = self._replaced(e, known)
+            known[e] = self._rebuilt_node(e, known)
         return known[e]
 
-    def _replaced(self, e: Node, known: dict[Node, Node]) -> Node:
-        below = [self.replaced(x, known) if isinstance(x, Node) else x for x in e.of]
+    def _rebuilt_node(self, e: Node, known: dict[Node, Node]) -> Node:
+        below = [self.substituted(x, known) if isinstance(x, Node) else x for x in e.of]
         if e.op == "neg":
             return self.neg(below[0])
         if e.op in ("add", "sub", "mul", "square"):
@@ -295,32 +295,34 @@ class Expressions:
         if e.op in ("limit", "select"):
             return self.clamp(*below) if e.op == "limit" else self.select(*below)
         if e.op in ("positive", "not negative") and below[0].op == "number":
-            return self.compare(">" if e.op == "positive" else ">=", below[0], self.number(0.0))
+            return self.compare(">" if e.op == "positive" else ">=", below[0], self.constant(0.0))
         return self._node(e.op, *below)
 
     def rates_by_branch(self, rates: Sequence[Node]) -> tuple[list[Node], list[Node], list[Node]]:
-        """The rates over signs, the rates over numbered branches, and the conditions.
+        """The rates over sign conditions, the rates over numbered branches, and the conditions.
 
-        Where a rate jumps a plant may go on with anything between both sides, so a sign decides
-        nothing at 0. The second list has a `branch` with its number in the place of each condition.
-        `NoExpressionError` for a condition that is not one of signs.
+        Where a rate jumps, a plant may continue with any rate between both sides, so a sign is
+        undecided at 0. In the second list a `branch` with its number replaces each condition.
+        Raises `NoExpressionError` for a condition that is no comparison with 0.
         """
         signs = {
-            c: self.sign(c.of[0]) for c in in_order(rates) if c.op in ("positive", "not negative")
+            c: self.sign_of(c.of[0])
+            for c in in_order(rates)
+            if c.op in ("positive", "not negative")
         }
         if any(c.op == "inside" for c in in_order(rates)):
             raise NoExpressionError("its rate hangs on a condition that is not one of signs")
-        rates = [self.replaced(e, signs) for e in rates]
+        rates = [self.substituted(e, signs) for e in rates]
         conditions = list({e.of[0]: None for e in in_order(rates) if e.op == "select"})
         places = {c: self._node("branch", k) for k, c in enumerate(conditions)}
-        return rates, [self.replaced(e, places) for e in rates], conditions
+        return rates, [self.substituted(e, places) for e in rates], conditions
 
-    def along(self, e: Node, direction: Mapping[Node, Node], known: dict[Node, Node]) -> Node:
-        """The derivative of `e` when its inputs move as `direction` says; all others stand still.
+    def slope_along(self, e: Node, direction: Mapping[Node, Node], known: dict[Node, Node]) -> Node:
+        """The derivative of `e` while each input moves as fast as `direction` says, or not at all.
 
-        For `min` and `max` it is that of the operand taken; where both are equal, anything between.
-        For a `select` it is that of the operand taken; the caller has to add what a jump does.
-        `NoExpressionError` for any other jump. `known` remembers results.
+        For `min` and `max` it is that of the operand taken, or, where both are equal, any between.
+        For a `select` it is that of the operand taken; the caller has to add the effect of a jump.
+        Raises `NoExpressionError` for any other jump. `known` remembers results.
         """
         if e not in known:
             known[e] = self._new_derivative(e, direction, known)
@@ -329,13 +331,13 @@ class Expressions:
     def _new_derivative(
         self, e: Node, direction: Mapping[Node, Node], known: dict[Node, Node]
     ) -> Node:
-        zero = self.number(0.0)
+        zero = self.constant(0.0)
         if e.op in ("number", "input"):
             return direction.get(e, zero)
         if e.op == "select":
-            taken = (self.along(x, direction, known) for x in e.of[1:])
+            taken = (self.slope_along(x, direction, known) for x in e.of[1:])
             return self.select(e.of[0], *taken)
-        parts = [self.along(x, direction, known) for x in e.of]
+        parts = [self.slope_along(x, direction, known) for x in e.of]
         if all(x is zero for x in parts):
             return zero
         if e.op in ("wrap_angle", "atan2"):
@@ -351,15 +353,15 @@ class Expressions:
             return self._node("over", d, e.of[1])
         if e.op == "limit":
             within = self.extreme("min", self.extreme("max", a, e.of[1]), e.of[2])
-            return self.along(within, direction, known)
+            return self.slope_along(within, direction, known)
         if e.op in ("min", "max"):
             ahead = self.sub(a, e.of[1]) if e.op == "max" else self.sub(e.of[1], a)
             return self.add(rest[0], self.mul(self._node("share", ahead), self.sub(d, rest[0])))
-        return self.mul(self._slope(e, a), d)
+        return self.mul(self._derivative_of_function(e, a), d)
 
-    def _slope(self, e: Node, a: Node) -> Node:
-        """The derivative of a function of one number, with respect to that number."""
-        one, two = self.number(1.0), self.number(2.0)
+    def _derivative_of_function(self, e: Node, a: Node) -> Node:
+        """The derivative of the function `e` of one node `a`, with respect to `a`."""
+        one, two = self.constant(1.0), self.constant(2.0)
         if e.op == "square":
             return self.mul(two, a)
         if e.op == "abs":
@@ -368,16 +370,16 @@ class Expressions:
             return self.neg(self.mul(e, e))
         if e.op == "friction":
             k = e.of[1]
-            size = self.add(self.function("abs", a), k)
+            size = self.add(self.function_node("abs", a), k)
             return self.mul(self._node("square", self._node("inverse", size)), k)
         if e.op in ("sin", "real_sin"):
-            return self.function(e.op.replace("sin", "cos"), a)
+            return self.function_node(e.op.replace("sin", "cos"), a)
         if e.op in ("cos", "real_cos"):
-            return self.neg(self.function(e.op.replace("cos", "sin"), a))
+            return self.neg(self.function_node(e.op.replace("cos", "sin"), a))
         if e.op == "exp":
             return e
         if e.op == "sqrt":
-            return self.mul(self.number(0.5), self._node("inverse", e))
+            return self.mul(self.constant(0.5), self._node("inverse", e))
         if e.op == "tan":
             return self.add(one, self.mul(e, e))
         if e.op == "tanh":
@@ -385,7 +387,7 @@ class Expressions:
         if e.op == "log":
             return self._node("inverse", a)
         if e.op in ("asin", "acos"):
-            beside = self.function("sqrt", self.sub(one, self._node("square", a)))
+            beside = self.function_node("sqrt", self.sub(one, self._node("square", a)))
             slope = self._node("inverse", beside)
             return slope if e.op == "asin" else self.neg(slope)
         assert e.op == "atan", e.op
@@ -397,7 +399,7 @@ def _is_power_of_two(x: float) -> bool:
 
 
 def _bound_by_operands(e: Node, of: Sequence[float]) -> float:
-    """A bound of |e| for operands up to `of` and inputs up to `FARTHEST`; inf: it may be NaN."""
+    """A bound of |e| where its operands are at most `of`, inputs `FARTHEST`; inf: may be NaN."""
     if e.op in CONDITIONS:
         return 0.0
     if e.op in PARTIAL or e.op == "exp" or inf in of:
@@ -412,7 +414,7 @@ def _bound_by_operands(e: Node, of: Sequence[float]) -> float:
 
 
 def is_positive(e: Node) -> bool:
-    """Whether `e` is above 0 as it is written, rounded or not: 1 + x^2 is, exp(x) is not."""
+    """Whether the form of `e` shows it to be above 0, even rounded: 1 + x^2 is, exp(x) is not."""
     if e.op == "number":
         return bool(e.of[0] > 0.0)
     if e.op in ("min", "max"):
@@ -423,7 +425,7 @@ def is_positive(e: Node) -> bool:
 
 
 def in_order(roots: Sequence[Node]) -> list[Node]:
-    """The roots and all nodes that they are made of; each comes after its operands."""
+    """The roots and all nodes below them, each after its operands."""
     seen: dict[Node, None] = {}
     todo = [(root, False) for root in reversed(roots)]
     while todo:
@@ -437,7 +439,7 @@ def in_order(roots: Sequence[Node]) -> list[Node]:
 
 
 def middle(r: Interval) -> float:
-    """The middle of a range, rounded."""
+    """The middle of a range, rounded to the nearest double."""
     return 0.5 * r.low + 0.5 * r.high
 
 
@@ -453,7 +455,7 @@ def reads_kind(e: Node, kind: str) -> bool:
 
 
 def deciding_nodes(roots: Iterable[Node]) -> set[Node]:
-    """The nodes in conditions of expressions: they decide which branch is taken."""
+    """The nodes in the conditions of `select`, which decide the branch that is taken."""
     return {*in_order([e.of[0] for e in in_order(list(roots)) if e.op == "select"])}
 
 
@@ -463,7 +465,7 @@ def states_read(roots: Iterable[Node]) -> set[int]:
 
 
 def states_read_through(asked: Iterable[Node], rates: Sequence[Node]) -> list[int]:
-    """The states that `asked` reads, those that the rates of these read, and so on, sorted."""
+    """The numbers of states that `asked` reads, that the rates of these read, and so on."""
     asked, found = [*asked], set[int]()
     while (new := states_read([*asked, *(rates[s] for s in found)])) - found:
         found |= new

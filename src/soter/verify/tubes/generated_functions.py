@@ -1,9 +1,9 @@
 """Writes functions of Soter source that enclose expressions, and calls them.
 
-Purpose: `fun_text` writes a function over forms (or ranges) that encloses some
-expressions; `sure_text` writes one that is true only where a condition holds of everything
-that the forms enclose. `functions_of` checks such a text like any program; `Caller` evaluates its
-functions as the interpreter does.
+Purpose: `fun_text` writes a function over forms (or ranges) that encloses some expressions;
+`sure_text` one that is true only where a condition holds for all values that the forms enclose.
+`functions_of` checks such a text like any program. `Caller` evaluates its functions as the
+interpreter does.
 Non-goals: the arithmetic (`forms.soter`), how a tube is made of it (`tube.soter`), what a whole
 text holds (`tube_check.py`).
 """
@@ -35,11 +35,11 @@ NAME = "tubes.soter"
 
 
 class TooLongError(Exception):
-    """A text may take more operations than one step of a program may (T007)."""
+    """A text may need more operations than a step of a program may take (T007)."""
 
 
 def functions_of(text: str) -> Mapping[str, FunSymbol]:
-    """The functions of a text, by name; `TooLongError`. Any other error in it is a defect here."""
+    """The functions of a text, by name; raises `TooLongError`. Other errors are defects here."""
     checked = check_file(NAME, f"soter 1;\n{text}")
     if any(d.code == "T007" for d in checked.diagnostics.items):
         raise TooLongError
@@ -49,27 +49,27 @@ def functions_of(text: str) -> Mapping[str, FunSymbol]:
 
 
 class Caller:
-    """Evaluates the functions of one text in the interpreter."""
+    """An evaluator of the functions of one text in the interpreter."""
 
     def __init__(self, text: str) -> None:
         self._functions = functions_of(text)
         self._evaluator = Evaluator({})
         self.fault = ""
-        """What the last call that faulted says of it; "" where the last one did not."""
+        """The message of the fault in the last call; "" where that call did not fault."""
 
     def operations(self, name: str) -> int:
-        """How many operations one call of function `name` takes, at worst."""
+        """The most operations that one call of function `name` takes."""
         return cost_of(self._functions[name]).operations
 
     def returns_true(self, name: str, *arguments: Any) -> bool:  # noqa: ANN401 - values of the program
-        """Whether function `name` returns true; one that faults does not."""
+        """Whether function `name` returns true; False also where it faults."""
         return bool(self.result(name, *arguments))
 
     def result(self, name: str, *arguments: Any) -> Any:  # noqa: ANN401 - values of the program
-        """What function `name` returns; None where it faults."""
+        """The value that function `name` returns; None where it faults."""
         self.fault = ""
         try:
-            return self._evaluator.function(self._functions[name])(Environment(), arguments)
+            return self._evaluator.closure_of(self._functions[name])(Environment(), arguments)
         except StepFault as fault:
             self.fault = fault.detail
             return None
@@ -78,7 +78,7 @@ class Caller:
 FORMS, RANGES = "f", "i"
 """The first letter of operations on forms (`f_add`), and of those on ranges (`i_add`)."""
 WITH_NUMBER = ("add", "sub", "mul", "over", "friction")
-"""Operations with a variant whose second operand is a plain number, not a form."""
+"""The operations that have a variant whose second operand is a number instead of a form."""
 MAP = "map"
 """The parameter that holds the numbers of maps: each is a double, without an error of its own."""
 
@@ -104,12 +104,12 @@ def sure_text(
     truth: bool = True,
     first: str = "",
 ) -> str:
-    """The text of `fun name(parameters): bool`: whether the condition certainly is `truth`.
+    """The text of `fun name(parameters): bool`, true only where the condition is surely `truth`.
 
-    `first`: statements with which the function begins.
+    `first`: the statements with which the function begins.
     """
     body, names = _statements_for_nodes([condition], inputs, FORMS)
-    text_of = _surely_true if truth else _surely_false
+    text_of = _surely_true_text if truth else _surely_false_text
     for c, name_of in _shared_conditions(condition).items():
         body += f"  let {name_of} = {text_of(c, names)};\n"
         names[c] = name_of
@@ -119,23 +119,23 @@ def sure_text(
 
 
 def decided_text(name: str, parameters: str, conditions: Sequence[Node], inputs: Inputs) -> str:
-    """The text of a function of ranges: whether each condition certainly holds, certainly not."""
+    """The text of a function of ranges that returns, per condition, surely true, surely false."""
     body, names = _statements_for_nodes(conditions, inputs, RANGES)
-    bits = [of(c, names) for c in conditions for of in (_surely_true, _surely_false)]
+    bits = [of(c, names) for c in conditions for of in (_surely_true_text, _surely_false_text)]
     return (
         f"fun {name}({parameters}): bool[{len(bits)}] {{\n{body}  return {array_text(bits)};\n}}\n"
     )
 
 
 def _shared_conditions(condition: Node) -> dict[Node, str]:
-    """Names for conditions that are used more than once, so that each is written out only once."""
+    """A name for each condition that is used more than once, so that it is written only once."""
     order = [c for c in in_order([condition]) if c.op in ("and", "or")]
     uses = Counter(x for c in order for x in c.of)
     return {c: f"c{k}" for k, c in enumerate(order) if uses[c] > 1}
 
 
 def _joined_parts(condition: Node, op: str, named: Mapping[Node, str]) -> list[Node]:
-    """The conditions that `op` joins, through nested joins; a named one is not taken apart."""
+    """The conditions that `op` joins, also in nested joins; conditions in `named` stay whole."""
     found, todo = [], [condition]
     while todo:
         c = todo.pop()
@@ -166,8 +166,8 @@ def _statements_for_nodes(
 
 
 def _operands(e: Node) -> list[Node]:
-    """The nodes that an operation names: neither the ends of a clamp nor plain numbers."""
-    if e.op == "min" and e.of[1].op == "number" and _is_floor(e.of[0]):
+    """The nodes that the text of an operation names: neither ends of clamps nor numbers."""
+    if e.op == "min" and e.of[1].op == "number" and _is_lower_limit(e.of[0]):
         return [e.of[0].of[0]]
     if e.op in WITH_NUMBER and _exact_text(e.of[-1]):
         return [e.of[0]]
@@ -184,12 +184,12 @@ def _operation_text(e: Node, names: Mapping[Node, str], of: str) -> str:
         if e.op == "sub":
             value = number_text(-last.of[0]) if last.op == "number" else f"-{value}"
         return f"{of}_{'times' if e.op == 'mul' else 'plus'}({names[e.of[0]]}, {value})"
-    if e.op == "min" and last.op == "number" and _is_floor(e.of[0]):
+    if e.op == "min" and last.op == "number" and _is_lower_limit(e.of[0]):
         inner = e.of[0]
         ends = number_text(inner.of[1].of[0]), number_text(last.of[0])
         return f"{of}_clamp({names[inner.of[0]]}, {', '.join(ends)})"
     if e.op == "select":
-        yes, no = _surely_true(e.of[0], names), _surely_false(e.of[0], names)
+        yes, no = _surely_true_text(e.of[0], names), _surely_false_text(e.of[0], names)
         return f"{of}_select({yes}, {no}, {names[e.of[1]]}, {names[e.of[2]]})"
     arguments = ", ".join(names[x] for x in e.of)
     return f"{of}_{e.op}({arguments})"
@@ -204,18 +204,18 @@ def _exact_text(e: object) -> str:
     return f"{MAP}[{e.of[1]}]" if e.op == "input" and e.of[0] == "m" else ""
 
 
-def _is_floor(e: Node) -> bool:
+def _is_lower_limit(e: Node) -> bool:
     return e.op == "max" and bool(e.of[1].op == "number")
 
 
-def _surely_true(c: Node, names: Mapping[Node, str]) -> str:
+def _surely_true_text(c: Node, names: Mapping[Node, str]) -> str:
     """The text of an expression that is true only where the condition certainly holds."""
     if c in names:
         return names[c]
     if c.op == "known":
         return "true" if c.of[0] else "false"
     if c.op in ("and", "or"):
-        a, b = (_surely_true(x, names) for x in c.of)
+        a, b = (_surely_true_text(x, names) for x in c.of)
         return f"({a} {'&&' if c.op == 'and' else '||'} {b})"
     if c.op == "inside":
         a, low, high = names[c.of[0]], number_text(c.of[1]), number_text(c.of[2])
@@ -225,14 +225,14 @@ def _surely_true(c: Node, names: Mapping[Node, str]) -> str:
     return f"{names[c.of[0]]}.lo {'>=' if c.op == 'not negative' else '>'} 0.0"
 
 
-def _surely_false(c: Node, names: Mapping[Node, str]) -> str:
+def _surely_false_text(c: Node, names: Mapping[Node, str]) -> str:
     """The text of an expression that is true only where the condition certainly does not hold."""
     if c in names:
         return names[c]
     if c.op == "known":
         return "false" if c.of[0] else "true"
     if c.op in ("and", "or"):
-        a, b = (_surely_false(x, names) for x in c.of)
+        a, b = (_surely_false_text(x, names) for x in c.of)
         return f"({a} {'||' if c.op == 'and' else '&&'} {b})"
     if c.op == "inside":
         a, low, high = names[c.of[0]], number_text(c.of[1]), number_text(c.of[2])
@@ -243,7 +243,7 @@ def _surely_false(c: Node, names: Mapping[Node, str]) -> str:
 
 
 def number_text(x: float) -> str:
-    """A literal of the language, or the name of a constant, that is read as this double."""
+    """The text of a literal or constant of the language whose value is this double."""
     if isinf(x):
         return "ENDLESS" if x > 0 else "-ENDLESS"
     text = repr(x)
@@ -262,12 +262,12 @@ def form_text(c: float, r: float, low: float, high: float) -> str:
 
 
 def numbers_text(values: Iterable[float]) -> str:
-    """The text of an array of numbers."""
+    """The text of an array of these numbers."""
     return array_text([number_text(float(v)) for v in values])
 
 
 def array_text(items: Sequence[str]) -> str:
-    """The text of an array."""
+    """The text of an array of these items."""
     return f"[{', '.join(items)}]"
 
 

@@ -1,9 +1,9 @@
-"""Kinks of SC behind which the check in flight collects runs ("A set on the way", proof-flight.md).
+"""Kinks of SC, behind which the check in flight collects runs in one set (docs/proof-flight.md).
 
-Purpose: `kinks_of` finds clamps in the law of SC whose argument reads one state, and where their
-ends are, in that state. `following_text` writes the functions that follow SC, with
-`collect.soter` or without.
-Non-goals: which kink is taken (`rest_claims.py`). Any number would be sound in the place of an end.
+Purpose: a kink is a clamp in the law of SC whose argument reads one state; `kinks_of` finds them,
+with their ends in units of that state. `text_that_follows_sc` writes the functions that follow SC,
+with `collect.soter` or without.
+Non-goals: the choice of a kink (`rest_claims.py`). Any other numbers as ends would be sound, too.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ LINES = re.compile(r".*  // collects\n")
 
 @dataclass(frozen=True)
 class Kink:
-    """The ends of a clamp, low < high, in units of `state`: only that state its argument reads."""
+    """The ends of a clamp, low < high, in units of `state`, the only one its argument reads."""
 
     state: int
     low: float
@@ -37,7 +37,7 @@ class Kink:
 
 
 def kinks_of(law: Sequence[Node]) -> Iterator[Kink]:
-    """The kinks of a law whose argument reads one input alone; those computed first come first."""
+    """The kinks of a law, whose arguments read one input each, in the order of computation."""
     for e in in_order(law):
         if e.op == "min" and e.of[0].op == "max" and e.of[1].op == e.of[0].of[1].op == "number":
             argument, low, high = e.of[0].of[0], e.of[0].of[1].of[0], e.of[1].of[0]
@@ -51,15 +51,15 @@ def kinks_of(law: Sequence[Node]) -> Iterator[Kink]:
                     yield Kink(state, *sorted(ends))
 
 
-def collects_entry(kink: Kink | None, names: Sequence[str]) -> dict[str, object]:
-    """The part about a kink of a certificate's entry; `names` are those of all states."""
+def kink_entry(kink: Kink | None, names: Sequence[str]) -> dict[str, object]:
+    """The part of a certificate's entry about a kink; `names`: the names of all states."""
     if kink is None:
         return {}
     return {"collects": {"state": names[kink.state], "at": [kink.low.hex(), kink.high.hex()]}}
 
 
-def following_text(states: Sequence[int], kink: Kink | None) -> str:
-    """The functions that follow SC: with `kink` they also collect the runs that are beyond it."""
+def text_that_follows_sc(states: Sequence[int], kink: Kink | None) -> str:
+    """The text of the functions that follow SC; with `kink` they collect the runs beyond it."""
     text = shared_text("answer.soter")
     if kink is None:
         return LINES.sub("", text).replace("n - began", "n").replace(" && !heap.some", "")

@@ -1,4 +1,4 @@
-"""What a tube needs of a module, as expressions: rates, effects, predicates.
+"""The rates and predicates of a module as expressions, from which tubes are made.
 
 Purpose: `ModuleExpressions` reads rates of plants, and predicates, from Core: `ExpressionReading`
 executes it (`core/execution.py`) with real expressions in the place of numbers.
@@ -41,7 +41,7 @@ from soter.verify.tubes.expression_graph import (
     middle,
     reads_kind,
 )
-from soter.verify.tubes.moved_rates import take_rates_apart
+from soter.verify.tubes.moved_rates import rates_taken_apart
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import Component
     from soter.language.model.typed import TypedExpr
     from soter.verify.enclose.enclosure_inputs import Path
-    from soter.verify.tubes.moved_rates import Moved
+    from soter.verify.tubes.moved_rates import SplitRates
     from soter.verify.tubes.problem import TubeProblem
 
     Maps = Mapping[tuple[int, int], Node]
@@ -59,13 +59,13 @@ if TYPE_CHECKING:
 FUNCTIONS = frozenset(
     "sin cos exp tan atan tanh wrap_angle asin acos atan2 log".split()  # noqa: SIM905 - words
 )
-"""Functions of the prelude that `forms.soter` encloses as a whole. Of `pow` the real function that
-is meant is read, as its body looks at how floats round; the bodies of all others are executed."""
+"""The functions of the prelude that `forms.soter` encloses as a whole. `pow` is read as the real
+function, as its body depends on rounding; the bodies of all other functions are executed."""
 COMPARED = {"<", "<=", ">", ">="}
 
 
 class ExpressionReading(Execution["Value"]):
-    """Executes Core over expressions; `cell(cell, type)` gives the value of a cell."""
+    """An execution of Core over expressions; `cell(cell, type)` gives the value of a cell."""
 
     def __init__(
         self,
@@ -77,21 +77,21 @@ class ExpressionReading(Execution["Value"]):
         self.make, self.cell = make, cell
         self.where = None
         self.real = False
-        """Whether it is of a rate: what no program computes has no angle that is too large."""
+        """Whether a rate is read: no program computes it, so no angle in it is too large."""
         self.guards: list[Node] = []
-        """Conditions that all have to hold so that nothing faults."""
+        """Conditions that all must hold so that nothing faults."""
         self.computed: dict[Node, None] = {}
-        """Every number on the way, whether or not the result depends on it: an infinite one may
-        become NaN."""
+        """Every number that is computed, whether or not the result depends on it: an infinite one
+        may become NaN."""
 
-    def _known(self, condition: Value) -> bool | None:
+    def _decided_truth(self, condition: Value) -> bool | None:
         return condition.of[0] if condition.op == "known" else None
 
-    def _reached(self, where: object, condition: Value, truth: bool) -> object:
+    def _where_in_side(self, where: object, condition: Value, truth: bool) -> object:
         del condition, truth
         return where
 
-    def _join(self, condition: Value, *where: object) -> Join[Value]:
+    def _join_function(self, condition: Value, *where: object) -> Join[Value]:
         del where
 
         def join(a: Value | None, b: Value | None, _: Type) -> Value:
@@ -110,7 +110,7 @@ class ExpressionReading(Execution["Value"]):
             if a is condition:  # `condition || b`
                 return self.make.join("or", condition, b)
             if a.op in CONDITIONS or b.op in CONDITIONS:
-                otherwise = self.make.not_(condition)
+                otherwise = self.make.negation(condition)
                 if b is otherwise:  # `b || f(x)`: Core calls `f` where `b` is false
                     return self.make.join("or", b, a)
                 yes = self.make.join("and", condition, a)
@@ -124,7 +124,7 @@ class ExpressionReading(Execution["Value"]):
         msg = "a whole number, or the length of a list, that hangs on what is measured"
         raise NoExpressionError(msg)
 
-    def _checked(self, s: core.Checked, operands: list[Value], limit: Value | None) -> Value:
+    def _checked_value(self, s: core.Checked, operands: list[Value], limit: Value | None) -> Value:
         whole: dict[str, Callable[..., int]] = {
             "add": int.__add__, "sub": int.__sub__, "mul": int.__mul__, "neg": int.__neg__,
         }  # fmt: skip
@@ -144,45 +144,45 @@ class ExpressionReading(Execution["Value"]):
             raise NoExpressionError("a whole number that faults")
         raise NoExpressionError(f"`{s.op}` of whole numbers")
 
-    def _choose(self, _: core.Choose) -> Value:
+    def _chosen_value(self, _: core.Choose) -> Value:
         raise NoExpressionError("`choose`")
 
     def _guard(self, condition: Value) -> None:
         self.guards.append(condition)
 
-    def _changed(
+    def _with_part(
         self, s: core.Set | core.Push, old: Value, path: list[Value], value: Value
     ) -> Value:
         if not path:
             return value if isinstance(s, core.Set) else (*old, value)
         k, *rest = path
-        return (*old[:k], self._changed(s, old[k], rest, value), *old[k + 1 :])
+        return (*old[:k], self._with_part(s, old[k], rest, value), *old[k + 1 :])
 
     def _note_computed(self, e: Node) -> Node:
         """Notes `e` in `computed` and returns it."""
         self.computed[e] = None
         return e
 
-    def call(self, f: core.Function, arguments: tuple[Value, ...]) -> Value:
-        """The result of a function; `NoExpressionError` for an extern."""
+    def result_of(self, f: core.Function, arguments: tuple[Value, ...]) -> Value:
+        """The result of a function; raises `NoExpressionError` for an extern."""
         if is_prelude(f) and f.source_name in FUNCTIONS:
             real = "real_" if self.real and f.source_name in ("sin", "cos") else ""
-            return self._note_computed(self.make.function(real + f.source_name, *arguments))
+            return self._note_computed(self.make.function_node(real + f.source_name, *arguments))
         if is_prelude(f) and f.source_name == "clamp":
             return self._note_computed(self.make.clamp(*arguments))
         if is_prelude(f) and f.source_name == "hypot":
             x, y = (self.make.mul(a, a) for a in arguments)
-            return self._note_computed(self.make.function("sqrt", self.make.add(x, y)))
+            return self._note_computed(self.make.function_node("sqrt", self.make.add(x, y)))
         if is_prelude(f) and f.source_name == "pow":
             return self._note_computed(self.make.power(*arguments))
         if f.result is None:
             raise NoExpressionError(f"`{f.source_name}` is extern")
-        return super().call(f, arguments)
+        return super().result_of(f, arguments)
 
-    def _operation(self, e: core.Expr, *operands: Value) -> Value:
+    def _operation_value(self, e: core.Expr, *operands: Value) -> Value:
         make = self.make
         if isinstance(e, core.Const):
-            return self.constant(e.type, e.value)
+            return self.constant_value(e.type, e.value)
         if isinstance(e, core.Get):
             return self.cell(e.cell, e.type)
         if isinstance(e, core.Fact):
@@ -196,31 +196,31 @@ class ExpressionReading(Execution["Value"]):
         if isinstance(e, core.Make):
             return tuple(operands)
         if isinstance(operands[0], int):
-            return self._whole_operation(e, *operands)
+            return self._whole_number_operation(e, *operands)
         if isinstance(e, core.Extreme):
             return make.extreme(e.op, *operands)
         if isinstance(e, core.Unary):
-            return self._unary(e.op, *operands)
+            return self._unary_operation(e.op, *operands)
         assert isinstance(e, core.Binary), e
-        return self._binary(e.op, *operands)
+        return self._binary_operation(e.op, *operands)
 
-    def constant(self, t: Type, value: object) -> Value:
+    def constant_value(self, t: Type, value: object) -> Value:
         """The value of a constant of any type; its floats become nodes."""
         if isinstance(value, bool):
             return self.make.true if value else self.make.false
         if isinstance(t, FloatType):
-            return self.make.number(value)  # type: ignore[arg-type]
+            return self.make.constant(value)  # type: ignore[arg-type]
         if isinstance(t, RecordType):
             pairs = zip(t.fields, value, strict=True)  # type: ignore[call-overload]
-            return tuple(self.constant(f, v) for (_, f), v in pairs)
+            return tuple(self.constant_value(f, v) for (_, f), v in pairs)
         if isinstance(t, (ArrayType, ListType)):
-            return tuple(self.constant(t.element, v) for v in value)  # type: ignore[attr-defined]
+            return tuple(self.constant_value(t.element, v) for v in value)  # type: ignore[attr-defined]
         return value
 
-    def _whole_operation(self, e: core.Expr, *operands: int) -> Value:
+    def _whole_number_operation(self, e: core.Expr, *operands: int) -> Value:
         op = getattr(e, "op", "")
         if op == "to_float":
-            return self.make.number(operands[0])
+            return self.make.constant(operands[0])
         if isinstance(e, core.Extreme):
             return (min if op == "min" else max)(operands)
         holds = {
@@ -229,21 +229,21 @@ class ExpressionReading(Execution["Value"]):
         }  # fmt: skip
         if op not in holds:
             raise NoExpressionError(f"`{op}` of whole numbers")
-        return self.constant(e.type, holds[op](*operands))
+        return self.constant_value(e.type, holds[op](*operands))
 
-    def _unary(self, op: str, a: Node) -> Node:
+    def _unary_operation(self, op: str, a: Node) -> Node:
         make = self.make
         if op == "not":
-            return make.not_(a)
+            return make.negation(a)
         if op == "neg":
             return make.neg(a)
         if op == "abs":
-            return make.number(abs(a.of[0])) if a.op == "number" else make.function("abs", a)
+            return make.constant(abs(a.of[0])) if a.op == "number" else make.function_node("abs", a)
         if op == "sqrt":
-            return self._note_computed(make.function("sqrt", a))
+            return self._note_computed(make.function_node("sqrt", a))
         raise NoExpressionError(f"`{op}`, which jumps")
 
-    def _binary(self, op: str, a: Node, b: Node) -> Node:
+    def _binary_operation(self, op: str, a: Node, b: Node) -> Node:
         make = self.make
         if op in ("&&", "||"):
             return make.join("and" if op == "&&" else "or", a, b)
@@ -251,18 +251,18 @@ class ExpressionReading(Execution["Value"]):
             return make.compare(op, a, b)
         if op in ("==", "!="):
             if a.op in CONDITIONS:
-                same = self._select(a, b, make.not_(b))
+                same = self._select(a, b, make.negation(b))
             else:
                 same = make.join("and", make.compare("<=", a, b), make.compare(">=", a, b))
-            return same if op == "==" else make.not_(same)
+            return same if op == "==" else make.negation(same)
         by = {"+": make.add, "-": make.sub, "*": make.mul, "/": make.div}
         return self._note_computed(by[op](a, b))
 
 
 class ModuleExpressions:
-    """Expressions over "x" (states), "u" (controls), "w" (disturbances) and "y" (what SC reads).
+    """A module's expressions over "x" (states), "u" (controls), "w" (disturbances), "y" (reads).
 
-    Those of `safe` are also over "m" (the numbers of maps).
+    The reads are those of SC. `safe` is also over "m" (the numbers of maps).
     """
 
     def __init__(self, problem: TubeProblem) -> None:
@@ -274,16 +274,16 @@ class ModuleExpressions:
             self._numbers.update({leaf_key(leaf): (kind, i) for i, leaf in enumerate(every)})
         self.functions = {f.name: f for f in problem.core.functions}
         self.seen: dict[int, tuple[int, int]] = {}
-        """For each state that SC sees, the topic and the leaf that show it."""
+        """For each state that SC reads, the topic and the leaf that show it."""
         self._guards: list[Node] = []
         """Conditions that all have to hold so that no plant faults."""
         self.rooms = dict(enumerate(problem.states))
-        """The range of each state within C, by the sets of the topics that equal it."""
+        """The range of each state within C, by the sets of the topics that show it."""
 
     def rates(self) -> list[Node]:
         """The derivative of every state, in the order of states, over x, u and w."""
         rates: dict[Any, Node] = {}
-        for component, step in self._plants():
+        for component, step in self._plants_with_steps():
             call = right_hand_side(step, self.functions)
             if call is None:
                 continue
@@ -294,18 +294,18 @@ class ModuleExpressions:
             assert isinstance(record, RecordType)
             cells = {x.cell.name: x for x in step.states}
             x = tuple(self._cell_value(cells[n].cell, t) for n, t in record.fields)
-            result = body.call(function, (x, *[body.expr(a) for a in call.arguments[1:]]))
+            result = body.result_of(function, (x, *[body.expr(a) for a in call.arguments[1:]]))
             self._guards += [*body.guards, *self.make.hidden]
             for path, _, v in leaves_of_value(record, result):
                 rates[component.index, path[0], path[1:]] = v
-        zero = self.make.number(0.0)
+        zero = self.make.constant(0.0)
         return [rates.get(leaf_key(s), zero) for s in self.problem.quantities.states]
 
-    def moved_rates(self, rates: list[Node]) -> Moved:
-        """These rates, taken apart by what moves them."""
+    def moved_rates(self, rates: list[Node]) -> SplitRates:
+        """These rates, split into the effects of commands and disturbances."""
         q, make = self.problem.quantities, self.make
         winds = {make.input("w", k): middle(d) for k, d in enumerate(self.problem.disturbances)}
-        return take_rates_apart(
+        return rates_taken_apart(
             make, rates, winds, [make.input("u", k) for k, _ in enumerate(q.controls)]
         )
 
@@ -315,10 +315,10 @@ class ModuleExpressions:
         count = len(self.problem.quantities.states)
         direction = {make.input("x", i): make.input("v", i) for i in range(count)}
         known: dict[Node, Node] = {}
-        return [make.along(e, direction, known) for e in rates]
+        return [make.slope_along(e, direction, known) for e in rates]
 
     def condition_of_predicate(self, e: TypedExpr, maps: Maps | None = None) -> Node:
-        """The condition that `e` is true of the states x and that its evaluation does not fault.
+        """The condition that `e` is true at the states x and that its evaluation does not fault.
 
         `maps`: the input for each number of the maps, by topic and leaf.
         """
@@ -326,10 +326,10 @@ class ModuleExpressions:
         system, module = self.problem.system, self.problem.module
         p = lower_predicate(table, system, module.scope, e, e.span)
 
-        def true(cell: core.Cell, t: Type) -> Value:
+        def state_value(cell: core.Cell, t: Type) -> Value:
             return self._topic_value(cell.owner, t, "x", maps)
 
-        body = ExpressionReading(self.make, {**self.functions, **table.by_name}, true)
+        body = ExpressionReading(self.make, {**self.functions, **table.by_name}, state_value)
         self.make.hidden.clear()
         body.run(p.body)
         held: Node = body.expr(p.value)
@@ -340,7 +340,7 @@ class ModuleExpressions:
     def _refuse_maps_without_place(self, safe: Node) -> None:
         """Raises `NoExpressionError` for a map that no part of `safe` compares with a state.
 
-        Such a part is the same all along a tube: it speaks of the robot, not of a place.
+        A part without a state is the same all along a tube: it is about no place.
         """
         of = [topic for topic, _ in self.problem.map_leaves]
         placed: set[int] = set()
@@ -353,17 +353,17 @@ class ModuleExpressions:
             name = self.problem.system.topics[topic].name
             raise NoExpressionError(f"`safe` compares nothing of the map `{name}` with a state")
 
-    def constraint(self) -> Node:
-        """C: `safe` holds, and plants neither fault nor publish, with errors, outside their sets.
+    def constraint_condition(self) -> Node:
+        """The condition C: `safe` holds, and plants neither fault nor publish outside their sets.
 
-        To be called after `rates`, whose faults count, too. `NoExpressionError` for a set of which
-        only some values are allowed, and where a command or disturbance may make a plant fault.
+        Published values count with errors. To be called after `rates`, whose faults count, too.
+        Raises `NoExpressionError` for sets that bound no states, and commands that cause faults.
         """
         system, make = self.problem.system, self.make
         maps = {at: make.input("m", k) for k, at in enumerate(self.problem.map_leaves)}
         held = self.condition_of_predicate(self.problem.module.symbol.safe, maps)
         self._refuse_maps_without_place(held)
-        for component, step in self._plants():
+        for component, step in self._plants_with_steps():
             body = self._plant_reading(component, step)
             body.run(step.publish)
             for number, output in enumerate(step.outputs):
@@ -377,7 +377,7 @@ class ModuleExpressions:
                         continue
                     _refuse_set(topic.name, t, v)
                     low, high = room_of(bound, errors.get(k, 0.0))
-                    held = make.join("and", held, make.inside(v, low, high))
+                    held = make.join("and", held, make.in_range(v, low, high))
                     if v.op == "input" and v.of[0] == "x":
                         room = self.rooms[v.of[1]]
                         self.rooms[v.of[1]] = Interval(max(low, room.low), min(high, room.high))
@@ -388,7 +388,7 @@ class ModuleExpressions:
             held = make.join("and", held, guard)
         return held
 
-    def _plants(self) -> Iterator[tuple[Component, core.PlantStep]]:
+    def _plants_with_steps(self) -> Iterator[tuple[Component, core.PlantStep]]:
         for i, step in sorted(self.problem.core.plants.items()):
             if step.extern:
                 raise NoExpressionError("a plant is extern")
@@ -415,9 +415,9 @@ class ModuleExpressions:
         return self._leaf_inputs((cell.owner, cell.name if cell.kind == "state" else ""), t, ())
 
     def _topic_value(self, index: int, t: Type, kind: str, maps: Maps | None = None) -> Value:
-        """The value of a topic: for each leaf the state that equals it, or the number of a map."""
+        """The value of a topic, each leaf as the state that equals it, or as a number of a map."""
 
-        def at(k: int) -> Node:
+        def leaf_input(k: int) -> Node:
             leaf = index, k
             if maps is not None and leaf in maps:
                 return maps[leaf]
@@ -428,10 +428,10 @@ class ModuleExpressions:
                 raise NoExpressionError(f"{why}; read what plants drive: {driven}")
             return self.make.input(kind, state)
 
-        return value_of_leaves(t, map(at, range(len(list(leaves(t))))))
+        return value_of_leaves(t, map(leaf_input, range(len(list(leaves(t))))))
 
     def value_read_by_sc(self, cell: core.Cell, t: Type) -> Value:
-        """The value that SC reads of a topic; `NoExpressionError` for two reads of one state."""
+        """The value of a topic as SC reads it; `NoExpressionError` if SC reads a state twice."""
         for leaf, state in self.problem.state_of_leaf.items():
             if leaf[0] == cell.owner and self.seen.setdefault(state, leaf) != leaf:
                 name = self.problem.quantities.states[state].name
@@ -447,7 +447,7 @@ def _refuse_set(name: str, t: Type, published: Value) -> None:
 
 
 def value_of_leaves(t: Type, parts: Iterator[Value]) -> Value:
-    """The value of a type that has these leaves."""
+    """The value of a type, made of its leaves."""
     if isinstance(t, (RecordType, ArrayType)):
         return tuple(value_of_leaves(f, parts) for f in element_types(t))
     return next(parts)

@@ -1,47 +1,55 @@
-"""How much of a box around rest noise takes up under SC: an estimate, for people.
+"""A linear estimate of the boxes around rest that SC leads back into, under noise.
 
 Purpose: `noise_estimate` linearizes rates and SC in the middle of a box, and follows what errors,
 disturbances, ages of reads and late commands do there: columns of x(t) = sum g_k e_k, |e_k| <= 1,
 of which none is shortened. Each age, and each lateness, multiplies what is known of the rates, or
-of how far a command is from the one before, by a number of its own in [-1, 1].
-Non-goals: showing anything: the estimate has doubles, no ends of commands, and nothing of what
-commands did before SC's first one. A tube takes up more (`rest.soter`).
+of how far a command is from the one before, by a number of its own in [-1, 1]. `boxes_back_soon`
+solves for boxes into which SC leads back after few commands: a tube may show one of them.
+Non-goals: proofs: the estimate uses rounded doubles, and leaves out the ends of commands. A tube
+takes up more (`rest.soter`).
 """
 
 from __future__ import annotations
 
+from itertools import islice
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from soter.verify.problem.problem import Interval
 from soter.verify.tubes.expression_graph import half_width, middle
-from soter.verify.tubes.leading_back import has_known_operations, values_of_nodes
+from soter.verify.tubes.simulated_runs import has_known_operations, values_of_nodes
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from soter.verify.problem.problem import Interval
     from soter.verify.tubes.expression_graph import Node
     from soter.verify.tubes.tube_check import TubeCheck
 
+    Box = dict[int, Interval]
     Matrix = NDArray[np.float64]
 
 HOLDS, PIECES, FINE = 300, 4, 1024
-"""SC's commands that are followed, at most; parts of a hold, each with disturbances of its own; and
-steps in which a part is solved."""
+"""The most commands of SC that are followed; the parts of a command's time, each with other
+disturbances; the steps in which a part is solved."""
 SMALL = 1e-4
 """The step of a difference, as a share of the side of the box."""
 FAR = 50.0
-"""A share beyond which SC does not hold its plant at all."""
+"""Beyond this share SC is taken not to hold its plant at all."""
+SOON = 2, 3, 4, 6, 8, 12, 16, 24, 32
+"""Numbers of commands after which a box may be back; tubes have not followed SC for many more."""
+ROOM, SOLVED = 1.3, 0.01
+"""The factor between a box and what has to fit into it; the share by which a solved box is off."""
 
 
 class NoiseEstimate(NamedTuple):
-    """Shares of the sides of a box that noise takes up: `share` of `worst`, the state with most.
+    """Shares of the sides of a box that noise takes up: the largest, `share`, is that of `worst`.
 
     `on_time`: the largest share if no command were late; `young`: if no read were old. `command`:
-    what SC commands at a corner of the box, as a share of the largest command.
+    SC's command at a corner of the box, as a share of the largest command. `back`: the number of
+    SC's commands after which all of the box is back in it; 0: it is not within those followed.
     """
 
     worst: int
@@ -49,44 +57,94 @@ class NoiseEstimate(NamedTuple):
     on_time: float
     young: float
     command: float
+    back: int
 
 
 def noise_estimate(check: TubeCheck, box: Mapping[int, Interval]) -> NoiseEstimate | None:
-    """The estimate for a box; None where rates have no derivative in its middle, or SC no hold."""
+    """The estimate for a box; None: no derivative in its middle, or SC does not hold the plant."""
     if not has_known_operations(check):
         return None
     half = np.array([half_width(box[s]) if s in box else 0.0 for s in check.states])
-    late, delay = (x * 1e-9 for x in (check.times.jitter, check.times.delay))
+    delay, late = _delays_of(check)
     with np.errstate(all="ignore"):
         loop = _linear_loop(check, box, half)
-        times = (delay, late), (delay, 0.0), (0.0, late)
-        shares = [_noise_at_rest(check, loop, *t) / np.where(half, half, np.inf) for t in times]
-        most = [half_width(c) for c in check.problem.controls]
+        delays = (delay, late), (delay, 0.0), (0.0, late)
+        sides = np.where(half, half, np.inf)
+        shares = [_noise_at_rest(check, loop, d) / sides for d in delays]
+        most = _largest_commands(check)
         command = np.abs(loop[3]) @ half / most
+        sizes = _sizes_after_commands(check, loop, delays[0], half, most)
+        back = next((k for k, (x, _) in enumerate(sizes, 1) if (x <= sides).all()), 0)
     if not np.isfinite([*np.ravel(shares), *command]).all() or np.max(shares) > FAR:
         return None
     worst = check.states[int(shares[0].argmax())]
-    return NoiseEstimate(worst, *(float(x.max(initial=0.0)) for x in (*shares, command)))
+    share, on_time, young, at_corner = (float(x.max(initial=0.0)) for x in (*shares, command))
+    return NoiseEstimate(worst, share, on_time, young, at_corner, back)
+
+
+def boxes_back_soon(check: TubeCheck, box: Mapping[int, Interval]) -> Iterator[Box]:
+    """Boxes around the middle of `box` that are back after few commands of SC, the larger first.
+
+    Each is `ROOM` times as wide as what is left then of itself, and of noise. There are none where
+    `box` has no range for some state, or SC would be at the ends of its commands.
+    """
+    if {*box} != {*check.states} or not has_known_operations(check):
+        return
+    half, most = np.array([half_width(box[s]) for s in check.states]), _largest_commands(check)
+    with np.errstate(all="ignore"):
+        loop = _linear_loop(check, box, half)
+        noise = _noise_at_rest(check, loop, _delays_of(check))
+        for count in SOON:
+            sides, before = noise, np.zeros_like(noise)
+            while np.isfinite(sides).all() and (sides <= FAR * noise).all():
+                if np.allclose(sides, before, rtol=SOLVED, atol=0.0):
+                    yield {
+                        s: Interval(middle(box[s]) - r, middle(box[s]) + r)
+                        for s, r in zip(check.states, map(float, sides), strict=True)
+                    }
+                    break
+                sizes = _sizes_after_commands(check, loop, _delays_of(check), sides, most)
+                states, commands = zip(*islice(sizes, count), strict=True)
+                if len(states) < count or not (np.max(commands, axis=0) <= most).all():
+                    break
+                before, sides = sides, ROOM * states[-1]
+
+
+def _delays_of(check: TubeCheck) -> tuple[float, float]:
+    """The largest age of a read and the largest lateness of a command, in s."""
+    return check.times.delay * 1e-9, check.times.jitter * 1e-9
+
+
+def _largest_commands(check: TubeCheck) -> Matrix:
+    """The distance of the largest value of each command from the middle of its set."""
+    return np.array([half_width(c) for c in check.problem.controls])
+
+
+def _noise_at_rest(check: TubeCheck, loop: list[Matrix], delays: tuple[float, float]) -> Matrix:
+    """The distance from the middle that each state may have after many commands from there."""
+    n, m = loop[1].shape
+    *_, last = _sizes_after_commands(check, loop, delays, np.zeros(n), np.zeros(m))
+    return last[0]
 
 
 def _linear_loop(check: TubeCheck, box: Mapping[int, Interval], half: Matrix) -> list[Matrix]:
-    """The derivatives of rates by states, commands and disturbances, and of SC by states."""
+    """Derivatives of rates by states, by commands and by disturbances, and of SC by states."""
     at = {("x", s): middle(box[s]) if s in box else 0.0 for s in check.states}
     reads = {("y", s): x for (_, s), x in at.items()}
     reads |= {("l", k): middle(r) for k, r in enumerate(check.kept)}
-    commands, law = _tangent(check.law, reads, "y", half)
+    commands, law = _values_and_derivatives(check.law, reads, "y", half)
     winds = check.problem.disturbances
     at |= {("u", k): float(u) for k, u in enumerate(commands)}
     at |= {("w", k): middle(d) for k, d in enumerate(winds)}
     rates = [check.rates[s] for s in check.states]
-    a, b, e = (_tangent(rates, at, kind, half)[1] for kind in "xuw")
+    a, b, e = (_values_and_derivatives(rates, at, kind, half)[1] for kind in "xuw")
     return [a, b, e * [half_width(d) for d in winds], law]
 
 
-def _tangent(
+def _values_and_derivatives(
     roots: Sequence[Node], at: Mapping[tuple[str, int], float], kind: str, half: Matrix
 ) -> tuple[Matrix, Matrix]:
-    """Values of expressions, and their derivatives by inputs of a kind; steps as sides are wide."""
+    """Values of expressions, and their derivatives by inputs of one kind, by differences."""
     keys = [key for key in at if key[0] == kind]
     sides = np.where(half, half, 1.0) if kind in "xy" else np.ones(len(keys))
     steps = np.hstack([np.zeros((len(keys), 1)), np.diag(sides), -np.diag(sides)]) * SMALL
@@ -97,9 +155,20 @@ def _tangent(
     return values[:, 0], (more - less) / (2.0 * SMALL * sides)
 
 
-def _noise_at_rest(check: TubeCheck, loop: list[Matrix], delay: float, late: float) -> Matrix:
-    """How far from the middle each state may be after many commands, if it began there."""
+def _sizes_after_commands(
+    check: TubeCheck,
+    loop: list[Matrix],
+    delays: tuple[float, float],
+    sides: Matrix,
+    commands: Matrix,
+) -> Iterator[tuple[Matrix, Matrix]]:
+    """After each command the largest distances from the middle of states, and of commands.
+
+    Runs begin within `sides` of the middle, while any command within `commands` acts. `delays`: the
+    largest age of a read and the largest lateness of a command, in s.
+    """
     a, b, wind, law = loop
+    delay, late = delays
     n, m = b.shape
     whole = np.zeros((n + m + wind.shape[1],) * 2)
     whole[:n] = np.hstack(loop[:3])
@@ -107,17 +176,16 @@ def _noise_at_rest(check: TubeCheck, loop: list[Matrix], delay: float, late: flo
     by_state, by_command, by_wind, _ = np.split(
         np.linalg.matrix_power(step, FINE)[:n], [n, n + m, len(whole)], axis=1
     )
-    x, u = np.zeros((n, 0)), np.zeros((m, 0))
+    x, u = np.split(np.diag([*sides, *commands]), [n])
     for _ in range(min(check.times.switches, HOLDS)):
         rates = a @ x + b @ u
         read = x - delay / 2 * rates + delay**2 / 8 * (a @ rates)
         ages = np.diag(delay / 2 * np.abs(law @ rates).sum(axis=1))
-        answer = np.hstack([law @ read, ages, law * list(check.errors().values())])
+        answer = np.hstack([law @ read, ages, law * list(check.error_by_state().values())])
         apart = np.abs(answer - np.pad(u, ((0, 0), (0, m + n)))).sum(axis=1)
         x = np.hstack([np.pad(x, ((0, 0), (0, m + n))), b @ np.diag(late * apart)])
         u = np.pad(answer, ((0, 0), (0, m)))
         for _ in range(PIECES):
             x = np.hstack([by_state @ x + by_command @ u, by_wind])
             u = np.pad(u, ((0, 0), (0, wind.shape[1])))
-    sizes: Matrix = np.abs(x).sum(axis=1)
-    return sizes
+        yield np.abs(x).sum(axis=1), np.abs(answer).sum(axis=1)

@@ -1,4 +1,4 @@
-"""The problem of a module with `rest`, whose DM encloses what SC would do from each estimate.
+"""The problem of a module with `rest`, whose DM encloses every run of SC from an estimate.
 
 Purpose: `tube_problem_of` turns the problem of a flow into a `TubeProblem`, and refuses (R007) what
 the theorem ("Decisions by tubes" in docs/proof-flight.md) does not cover.
@@ -29,14 +29,14 @@ if TYPE_CHECKING:
 
 
 FARTHEST = 1e100
-"""A state without a set is assumed to be below it, and a map with a larger number is refused: forms
-can hold sums of such numbers, and products of two."""
+"""The assumed bound of a state whose topic has no set; the DM refuses maps with larger numbers.
+Forms can hold sums of such numbers, and products of two."""
 AS_EXPRESSIONS = "a tube needs rates, the law, `safe` and `rest` as expressions of reals"
 
 
 @dataclass(frozen=True)
 class Drift:
-    """How far SC may move a state down and up from where `rest` first held; inf: without end."""
+    """The largest motion of a state down and up after `rest` first held; inf: without end."""
 
     below: float
     above: float
@@ -44,11 +44,11 @@ class Drift:
 
 @dataclass(eq=False, kw_only=True)
 class TubeProblem(Problem):
-    """A module that declares `rest e moves ... within T;`.
+    """The problem of a module that declares `rest e moves ... within T;`.
 
-    `drifts`: what `moves` says of a state, by its number. `map_leaves`: each number of the maps
-    that `safe` reads, as (topic, leaf). `plans`: the problem of each plan, as if it alone were SC,
-    where there are several; this problem is then that of the first. Otherwise empty.
+    `drifts`: the bounds that `moves` declares, by the number of the state. `map_leaves`: each
+    number of the maps that `safe` reads, as (topic, leaf). `plans`: where there are several plans,
+    the problem of each as the only SC; this problem is then that of the first.
     """
 
     rest: TypedExpr
@@ -59,12 +59,12 @@ class TubeProblem(Problem):
 
     @property
     def plan(self) -> str:
-        """The name of the node that is SC here."""
+        """The name of the node that is SC in this problem."""
         return self.module.symbol.sc.name
 
     @property
     def first_map(self) -> list[float]:
-        """The defaults of all map topics, number by number: the map that the start is judged by."""
+        """The numbers of the maps by which the start is judged: the defaults of all map topics."""
         topics = [self.system.topics[t] for t in dict.fromkeys(t for t, _ in self.map_leaves)]
         return [x for t in topics for x in numbers_in(t.default)]
 
@@ -77,37 +77,37 @@ class TubeProblem(Problem):
 
 @dataclass(frozen=True)
 class TubeTimes:
-    """Times of a tube in ns, after the estimate (docs/proof-flight.md, "Decisions by tubes")."""
+    """The times of a tube in ns, counted from the estimate (docs/proof-flight.md)."""
 
     earliest: int
-    """alpha: no output of SC is complete before."""
+    """alpha: before this time no output of SC is complete."""
     latest: int
-    """H, the look-ahead: an output of SC is complete by then."""
+    """H, the look-ahead: by this time an output of SC is complete."""
     start: int
-    """h_0: in a new run an output of SC is complete by then."""
+    """h_0: by this time after the start of a run an output of SC is complete."""
     delay: int
-    """d: the age of the state behind a command that begins to act, at most."""
+    """d: the largest age of the state that SC read for a command, when that begins to act."""
     jitter: int
     """j: the length of the window in which an output of SC acts."""
     period: int
     """delta: the period of SC."""
     switches: int
-    """N_T: after this many outputs of SC, the first not counted, the plant has to be at rest."""
+    """N_T: after this many outputs of SC beyond the first one the plant has to be at rest."""
     any_command: int = 0
-    """W: where commands are judged, any command may act for this long before SC's output does."""
+    """W: where commands are judged, any command may act this long before an output of SC acts."""
 
     @property
     def depth(self) -> int:
-        """How many commands may act while a read gets old: periods of SC in d + 2 j, at least 1."""
+        """The number of commands that may act while a read ages: periods in d + 2 j, at least 1."""
         return max(1, -(-(self.delay + 2 * self.jitter) // self.period))
 
     def earlier_command_ns(self, p: int) -> int:
-        """How many ns the p-th command before the last may have acted since a read."""
+        """The longest time in ns for which the p-th command before the last acted since a read."""
         since = self.delay + 2 * self.jitter - p * self.period
         return max(0, min(self.period + 2 * self.jitter, since))
 
     @staticmethod
-    def of(problem: TubeProblem) -> TubeTimes:
+    def of_problem(problem: TubeProblem) -> TubeTimes:
         """The times of a module, from its schedule and its `within`."""
         t = problem.times
         h, j, period = t.horizon_ns, t.jitter_sc, t.delta_sc
@@ -119,7 +119,7 @@ class TubeTimes:
 
 
 def tube_problem_of(problem: Problem, rest: RestSymbol, calculator: Calculator) -> TubeProblem:
-    """The problem of a module with `rest`; R009 or R007 where it cannot be followed by tubes."""
+    """The problem of a module with `rest`; raises R009 or R007 where tubes do not cover it."""
     diagnostics = Diagnostics()
     _refuse_uncovered(problem, rest, diagnostics)
     drifts = {}
@@ -149,7 +149,7 @@ def tube_problem_of(problem: Problem, rest: RestSymbol, calculator: Calculator) 
 
 
 def problem_of_plans(module: Module, plans: Sequence[Problem]) -> TubeProblem:
-    """The problem of a module with several plans, made of those of each; `SoterError` R007."""
+    """The problem of a module, made of the problems of its plans; may raise `SoterError` R007."""
     first, *_ = every = [p for p in plans if isinstance(p, TubeProblem)]
     if module.symbol.shield is not None:
         why = (
@@ -164,7 +164,7 @@ def problem_of_plans(module: Module, plans: Sequence[Problem]) -> TubeProblem:
 
 
 def nearest_seconds(ns: int, parts: int = 1) -> float:
-    """The double nearest to `ns / parts`, in seconds: `flow` allows for that rounding."""
+    """The double nearest to `ns / parts`, in seconds; `flow` allows for the rounding."""
     return float(Fraction(ns, 10**9 * parts))
 
 
@@ -175,17 +175,17 @@ def rounded_up(x: Fraction) -> float:
 
 
 def cut_to_farthest(r: Interval) -> Interval:
-    """The set `r` of a state, cut to ±`FARTHEST`."""
+    """The range `r` of a state, cut to ±`FARTHEST`."""
     return Interval(max(r.low, -FARTHEST), min(r.high, FARTHEST))
 
 
 def is_far(r: Interval) -> bool:
-    """Whether the set `r` goes beyond -`FARTHEST` or `FARTHEST`."""
+    """Whether the range `r` of a state reaches beyond ±`FARTHEST`."""
     return cut_to_farthest(r) != r
 
 
 def topics_read(problem: Problem) -> set[int]:
-    """The topics that SC or a condition of the module reads; here the DM reads all of them."""
+    """The topics that SC or a condition of the module reads; a DM with `rest` reads them all."""
     return {*problem.module.scope.topics.values(), *topics_read_by_sc(problem)}
 
 
@@ -211,7 +211,7 @@ def _refuse_uncovered(problem: Problem, rest: RestSymbol, diagnostics: Diagnosti
         "modes of other modules": problem.modes is not None,
         f"a state that no topic shows: {', '.join(unseen)}": bool(unseen),
     }
-    for reason in (reason for reason, there in wrong.items() if there):
+    for reason in (reason for reason, holds in wrong.items() if holds):
         diagnostics.error(
             "R007",
             f"`rest` beside {reason}",
@@ -236,7 +236,7 @@ def _refuse_uncovered(problem: Problem, rest: RestSymbol, diagnostics: Diagnosti
 
 
 def refusal(problem: TubeProblem, why: str, helps: tuple[str, ...] = ()) -> SoterError:
-    """The error R007 with `why`; without `helps` it has a note on expressions."""
+    """The error R007 with the reason `why`; without `helps` it has a note on expressions."""
     diagnostics = Diagnostics()
     diagnostics.error(
         "R007",

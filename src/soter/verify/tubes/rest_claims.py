@@ -1,9 +1,9 @@
-"""What is shown of a module with `rest` before anything flies.
+"""Claims about a module with `rest` that are shown before the flight.
 
 Purpose: `show_rest_claims` asks the tube of `rest.soter` four things: that SC answers on all that
 it may read, that it keeps a box around the states where `rest` holds (rule 1 of "Decisions by
 tubes" in proof-flight.md), how far it moves the states that `moves` names (rule 2), and that the
-start leads to rest. `drift_not_shown` shows rule 2 with one form of potential: V is the sum of c_i
+start leads to rest. `why_drift_not_shown` shows rule 2 with one kind of potential: V = sum of c_i
 |x_i| over states. Where z' <= sum x_i p_i and x_i' = x_i q_i, z moves by at most V as long as |p_i|
 + c_i q_i <= 0. Each x_i is taken out as a factor, so V is exactly 0 where all x_i are: only p_i,
 q_i and what else is in z' are enclosed.
@@ -27,8 +27,8 @@ from soter.verify.problem.problem import Interval
 from soter.verify.tubes.enclosures import enclosed_ranges
 from soter.verify.tubes.expression_graph import deciding_nodes, in_order
 from soter.verify.tubes.generated_functions import Caller, TooLongError
-from soter.verify.tubes.kinks import Kink, collects_entry
-from soter.verify.tubes.leading_back import box_in_words, is_start_collected, leads_back, region_of
+from soter.verify.tubes.kinks import Kink, kink_entry
+from soter.verify.tubes.leading_back import box_in_words, is_start_collected, region_of, way_back
 from soter.verify.tubes.problem import FARTHEST, cut_to_farthest, is_far, refusal, rounded_up
 from soter.verify.tubes.sc_step import variables_entry
 from soter.verify.tubes.tube_check import PLAIN
@@ -45,19 +45,19 @@ if TYPE_CHECKING:
     Progress = Callable[[float], None]
 
 
-def drift_not_shown(
+def why_drift_not_shown(
     check: TubeCheck, caller: Caller, at: Mapping[int, Interval], box: Mapping[int, Interval]
 ) -> str:
-    """Why the bound of some state that `moves` names is not shown; "": all bounds are.
+    """Why the bound of a state that `moves` names is not shown, in words; "": all are shown.
 
-    `at`: the range of each state once `rest` holds, Y or its topic's set; `box`: where it holds.
+    `at`: the range of each state once `rest` has held, Y or its topic's set; `box`: B of rule 1.
     """
     ends = [[at[s].low for s in check.states], [at[s].high for s in check.states]]
     answer = caller.result("answers_at_rest", ends)
     if answer is None:
         return "what SC answers at rest is not bounded"
     ranges = _input_ranges(check, at, [Interval(u[2], u[3]) for u in answer])
-    followed = [z for z in check.problem.drifts if z in check.states]  # nothing asks for others
+    followed = [z for z in check.problem.drifts if z in check.states]  # nothing reads the others
     for z in followed:
         drift = check.problem.drifts[z]
         rate, name = check.rates[z], check.problem.quantities.states[z].name
@@ -81,7 +81,7 @@ def _input_ranges(
 
 
 def _moves_in_words(check: TubeCheck, state: int) -> str:
-    """What moves a state, and the states that its rate reads: words for the end of a message."""
+    """Words, for the end of a message, on what moves a state and the states that its rate reads."""
     found, new = set[int](), {state}
     while new - found:
         found |= new
@@ -103,18 +103,18 @@ def _moves_in_words(check: TubeCheck, state: int) -> str:
 def _why_it_may_drift(
     check: TubeCheck, z: int, e: Node, by: float, ranges: Ranges, box: Mapping[int, Interval]
 ) -> str:
-    """Why a state z with rate `e` may grow by more than `by`, with V over `box`; "": it may not."""
+    """Why a state z with rate `e` may grow by more than `by`, "": it does not. V: over `box`."""
     make, most = check.make, Fraction(0)
-    (e,) = _decide_extremes(check, [_at_worst_disturbance(make, e, ranges)], ranges)
+    (e,) = _with_decided_extremes(check, [_rate_at_worst_disturbance(make, e, ranges)], ranges)
     for state, where in box.items():
         x = make.input("x", state)
         p, rest = make.split_off_factor(e, x)
-        (own,) = _decide_extremes(check, [check.rates[state]], ranges)
-        q = make.factor(own, x)
-        if p is make.number(0.0):
+        (state_rate,) = _with_decided_extremes(check, [check.rates[state]], ranges)
+        q = make.factor(state_rate, x)
+        if p is make.constant(0.0):
             continue
         if q is None:
-            least = _one_sided(make, own, x, p, ranges)
+            least = _one_sided_gain(make, state_rate, x, p, ranges)
             if least is not None:
                 most += least
                 e = rest
@@ -134,59 +134,60 @@ def _why_it_may_drift(
     return ""
 
 
-def _one_sided(make: Expressions, own: Node, x: Node, p: Node, ranges: Ranges) -> Fraction | None:
-    """What x p adds at most, where it adds on one side of x = 0 alone, and x falls back there.
+def _one_sided_gain(
+    make: Expressions, state_rate: Node, x: Node, p: Node, ranges: Ranges
+) -> Fraction | None:
+    """The largest sum of the term x p over time, if it adds only on a side of 0 where x falls back.
 
-    V = c max(x, 0), or its mirror image: where x > 0 and x' <= -m < 0, of x p no more than
-    c m = (the largest x) (the largest p) is lost. None: it is not so.
+    There V = c max(x, 0), or its mirror image: where x > 0 and x' <= -m < 0, x p is at most
+    c m = (the largest x) (the largest p). None: there is no such side.
     """
     (of_p,) = enclosed_ranges([p], ranges)
     for side in (1.0, -1.0):
         if side * (of_p.low if side > 0.0 else of_p.high) < 0.0:
             continue
         far = ranges[x.of].high if side > 0.0 else -ranges[x.of].low
-        beside = {make.sign(x if side > 0.0 else make.neg(x)): make.true}
-        beside[make.sign(make.neg(x) if side > 0.0 else x)] = make.false
+        beside = {make.sign_of(x if side > 0.0 else make.neg(x)): make.true}
+        beside[make.sign_of(make.neg(x) if side > 0.0 else x)] = make.false
         known = {**ranges, x.of: Interval(0.0, far) if side > 0.0 else Interval(-far, 0.0)}
-        (rate,) = enclosed_ranges([make.replaced(make.mul(own, make.number(side)), beside)], known)
+        (rate,) = enclosed_ranges(
+            [make.substituted(make.mul(state_rate, make.constant(side)), beside)], known
+        )
         if far > 0.0 and rate.high < 0.0 and isfinite(of_p.high - of_p.low):
             size = max(abs(Fraction(of_p.low)), abs(Fraction(of_p.high)))
             return Fraction(far) ** 2 * size / -Fraction(rate.high)
     return None
 
 
-def _at_worst_disturbance(make: Expressions, e: Node, ranges: Ranges) -> Node:
-    """`e` with each disturbance that is only added set to the end at which it adds most.
-
-    One on which a branch hangs does more than add.
-    """
+def _rate_at_worst_disturbance(make: Expressions, e: Node, ranges: Ranges) -> Node:
+    """The rate `e` with each disturbance that is only added at the end where it adds most."""
     winds = {x for x in in_order([e]) if x.op == "input" and x.of[0] == "w"}
     for w in winds - deciding_nodes([e]):
-        slope = make.along(e, {w: make.number(1.0)}, {})
+        slope = make.slope_along(e, {w: make.constant(1.0)}, {})
         if slope.op == "number":
             ends = ranges["w", w.of[1]]
             most = ends.high if slope.of[0] > 0.0 else ends.low
-            e = make.replaced(e, {w: make.number(most)})
+            e = make.substituted(e, {w: make.constant(most)})
     return e
 
 
-def _decide_extremes(check: TubeCheck, roots: Sequence[Node], ranges: Ranges) -> list[Node]:
-    """The same expressions, without a `min` or `max` whose answer is certain in these ranges.
+def _with_decided_extremes(check: TubeCheck, roots: Sequence[Node], ranges: Ranges) -> list[Node]:
+    """The same expressions without each `min` or `max` whose result is certain over `ranges`.
 
-    An input that has one value is that number.
+    An input whose range is one number is replaced by that number.
     """
     make = check.make
-    known = {make.input(*at): make.number(r.low) for at, r in ranges.items() if r.low == r.high}
+    known = {make.input(*at): make.constant(r.low) for at, r in ranges.items() if r.low == r.high}
     for e in in_order(roots):
         if e.op not in ("min", "max"):
             continue
-        a, b = (make.replaced(x, known) for x in e.of)
+        a, b = (make.substituted(x, known) for x in e.of)
         of_a, of_b = enclosed_ranges([a, b], ranges)
         smaller = a if of_a.high <= of_b.low else b if of_b.high <= of_a.low else None
         if smaller is not None:
             larger = b if smaller is a else a
             known[e] = smaller if e.op == "min" else larger
-    return [make.replaced(e, known) for e in roots]
+    return [make.substituted(e, known) for e in roots]
 
 
 HALVINGS, TRIED = 12, 500
@@ -194,21 +195,23 @@ HOW_FAR = "how far SC moves"
 TOO_MANY = "is more than a step of the DM can do"
 """Stands in the message that SC takes too many operations until it rests."""
 OLD = 8
-"""Reads of more periods of SC are what makes a check long."""
+"""If reads may be older than so many periods of SC, their age makes the check long."""
 
 
 @dataclass
 class RestClaims:
-    """What was found: each text says why something is not shown; it is "" where it is shown.
+    """The results of the claims: texts say why something is not shown, and are "" where it is.
 
     `box`: B of rule 1, `ways`: Y, the range from then on, of each state that `moves` does not name.
-    `cut`: the place in `CUTS` of what showed it, and flies; `kink`: where that collects, if at all.
+    `cut`: the index in `CUTS` of the check that showed it and flies; `kink`: its kink, if any.
     `astray`: a state in which a run does not come back, so that no younger read would help.
-    `given`: whether AC has control on an exact estimate of the middle of the start.
+    `other`: a box that SC is shown to lead back into, where B is not shown; empty: none was found.
+    `given`: whether AC has control at an exact estimate of the middle of the start.
     """
 
     box: dict[int, Interval] = field(default_factory=dict)
     ways: dict[int, Interval] = field(default_factory=dict)
+    other: dict[int, Interval] = field(default_factory=dict)
     answers: str = ""
     kept: str = ""
     astray: int | None = None
@@ -219,23 +222,23 @@ class RestClaims:
     kink: Kink | None = None
 
     def write(self, path: Path) -> None:
-        """Writes it as JSON, with the exact ends of ranges."""
+        """Writes the results to a file as JSON, with the exact ends of ranges."""
         path.write_text(json.dumps(asdict(self)), encoding="utf-8")
 
     @classmethod
     def read(cls, path: Path) -> RestClaims:
-        """Reads what `write` wrote."""
+        """The results that `write` wrote to a file."""
         stored = json.loads(path.read_text(encoding="utf-8"))
-        for name in ("box", "ways"):
+        for name in ("box", "ways", "other"):
             stored[name] = {int(s): Interval(**r) for s, r in stored[name].items()}
         stored["kink"] = stored["kink"] and Kink(**stored["kink"])
         return cls(**stored)
 
 
 def rest_entry(check: TubeCheck, claims: RestClaims) -> dict[str, object]:
-    """What a certificate has of `rest`: constants of the check, B and Y where they are shown."""
+    """The part of a certificate about `rest`: constants of the check; B and Y if shown."""
     problem, times = check.problem, check.times
-    names, errors = [s.name for s in problem.quantities.states], check.errors()
+    names, errors = [s.name for s in problem.quantities.states], check.error_by_state()
     rest: dict[str, object] = {
         "within_ns": problem.within_ns,
         "alpha_ns": times.earliest,
@@ -259,25 +262,25 @@ def rest_entry(check: TubeCheck, claims: RestClaims) -> dict[str, object]:
         for key, ranges in (("box", claims.box), ("ways", claims.ways)):
             rest[key] = {names[s]: [ranges[s].low.hex(), ranges[s].high.hex()] for s in claims.box}
     rest |= variables_entry(check.variables)
-    rest |= collects_entry(claims.kink, names)
+    rest |= kink_entry(claims.kink, names)
     if (shield := problem.module.shield) is not None:
-        ns = {"acted_ns": problem.times.acted, "any_command_ns": times.any_command}
+        ns = {"acted_ns": problem.times.replaced_window, "any_command_ns": times.any_command}
         rest["shield"] = {"cells": shield.cells, **ns}
     return rest
 
 
 def show_rest_claims(check: TubeCheck) -> RestClaims:
-    """Shows one claim after the other; where one fails, those that need it take over its text.
+    """The results of all claims; where a claim fails, those that need it have its text.
 
-    `SoterError` R007 where the check takes more operations than a step may.
+    Raises `SoterError` R007 where the check takes more operations than a step may.
     """
     try:
-        return _show_in_order(check)
+        return _claims_in_order(check)
     except TooLongError:
-        raise too_long(check) from None
+        raise too_long_error(check) from None
 
 
-def _show_in_order(check: TubeCheck) -> RestClaims:
+def _claims_in_order(check: TubeCheck) -> RestClaims:
     claims = RestClaims()
     if check.times.switches < 1:
         claims.kept = claims.start = "`within` of `rest` is shorter than a period of SC"
@@ -291,7 +294,7 @@ def _show_in_order(check: TubeCheck) -> RestClaims:
         at = {s: claims.ways.get(s, check.rooms[s]) for s in check.states}
         unread = Interval(0.0, 0.0)  # without a set: `_why_not_kept` saw that nothing reads it
         at = {s: r if isfinite(r.high - r.low) else unread for s, r in at.items()}
-        claims.moves = drift_not_shown(check, caller, at, claims.box)
+        claims.moves = why_drift_not_shown(check, caller, at, claims.box)
     phase(f"{check.problem.name}: whether SC leads to rest from the start")
     if claims.kept:
         claims.start = claims.kept
@@ -308,11 +311,11 @@ def _show_in_order(check: TubeCheck) -> RestClaims:
     return claims
 
 
-def too_long(check: TubeCheck) -> SoterError:
-    """R007 with a `within` that would fit: each further step of SC costs as many operations.
+def too_long_error(check: TubeCheck) -> SoterError:
+    """The error R007, with a `within` that would fit: each further step of SC costs as much.
 
-    The growth is measured from two steps to three, as the first one costs differently, and what it
-    gives is tried: fewer steps are named until one fits.
+    The cost is measured from two steps to three, as the first step costs differently. Then fewer
+    steps are tried until they fit.
     """
     times = check.times
     needs, fits = "", 0
@@ -320,7 +323,7 @@ def too_long(check: TubeCheck) -> SoterError:
         two, three = (check.offline_operations(n) for n in (2, 3))
         needs = f" takes {two + (times.switches - 2) * (three - two):.2g} operations, which"
         fits = max((MAX_OPERATIONS - two) // (three - two) + 2, 0)
-        while fits > 3 and not _fits(check, fits):
+        while fits > 3 and not _fits_into_one_step(check, fits):
             fits -= 1 + fits // 100
     why = (
         f"to follow {times.switches} steps of SC{needs} {TOO_MANY}: {MAX_OPERATIONS:.2g} operations"
@@ -335,7 +338,7 @@ def too_long(check: TubeCheck) -> SoterError:
     return refusal(check.problem, why, (within, fewer) if fits else (fewer, "fewer states"))
 
 
-def _fits(check: TubeCheck, switches: int) -> bool:
+def _fits_into_one_step(check: TubeCheck, switches: int) -> bool:
     with contextlib.suppress(TooLongError):
         return check.offline_operations(switches) <= MAX_OPERATIONS
     return False
@@ -345,8 +348,8 @@ def _state_name(check: TubeCheck, state: int) -> str:
     return check.problem.quantities.states[state].name
 
 
-def _without_set(check: TubeCheck, states: Sequence[int]) -> str:
-    """The name of the first of `states` without a bounded set; "": all have one."""
+def _first_without_set(check: TubeCheck, states: Sequence[int]) -> str:
+    """The name of the first of `states` whose range has no bound; "": all have bounds."""
     rooms = check.rooms
     return next(
         (_state_name(check, s) for s in states if not isfinite(rooms[s].high - rooms[s].low)), ""
@@ -354,7 +357,7 @@ def _without_set(check: TubeCheck, states: Sequence[int]) -> str:
 
 
 def _why_sc_may_fault(check: TubeCheck, caller: Caller) -> str:
-    """Why SC may fault, or publish what its topics may not hold, on some read; "": it does not."""
+    """Why SC may fault or leave a topic's set on some read, in words; "": it does not."""
     sets = {s: cut_to_farthest(check.read_sets[s]) for s in check.read_by_law}
     if caller.returns_true("answers", region_of(check, sets)):
         return ""
@@ -365,24 +368,24 @@ def _why_sc_may_fault(check: TubeCheck, caller: Caller) -> str:
 
 
 def _why_not_kept(check: TubeCheck, caller: Caller, claims: RestClaims) -> str:
-    """Why rule 1, that SC keeps a box around rest, is not shown; "": it is. Fills in `claims`."""
+    """Why SC is not shown to keep a box around rest (rule 1); "": it is. Fills in `claims`."""
     problem = check.problem
     free = _free_states(check)
-    own = [s for s in check.states if s not in {*problem.drifts, *free, *check.turning}]
+    boxed = [s for s in check.states if s not in {*problem.drifts, *free, *check.turning}]
     named = [s for s in check.states if s in problem.drifts]
     read = check.read_by_law | check.read_by_rates | check.read_by_rest
-    if name := _without_set(check, [s for s in named if s in read]):
+    if name := _first_without_set(check, [s for s in named if s in read]):
         return f"{name} moves, is read, and nothing bounds it (a set of its topic would)"
-    bounded = {*read, *own, *check.turning}
+    bounded = {*read, *boxed, *check.turning}
     sets = {s: cut_to_farthest(check.rooms[s]) for s in check.states if s in bounded}
-    box = _around_rest(check, caller, sets, own)
+    box = _box_around_rest(check, caller, sets, boxed)
     if box is None:
         return "`rest` holds nowhere in the sets of what it reads"
     if not _holds_somewhere(check, caller, box, "surely_rests"):
         return "no state was found in which `rest` certainly holds: nothing is said of none"
-    claims.box = {s: box[s] for s in own}
-    led = leads_back(check, caller, box, own)
-    claims.ways, claims.astray = led.ways, led.astray
+    claims.box = {s: box[s] for s in boxed}
+    led = way_back(check, caller, box, boxed)
+    claims.ways, claims.astray, claims.other = led.ways, led.astray, led.other
     if led.why or not (free or check.turning):
         return led.why
     claims.ways = led.ways | dict.fromkeys(free, Interval(-FARTHEST, FARTHEST))
@@ -391,9 +394,9 @@ def _why_not_kept(check: TubeCheck, caller: Caller, claims: RestClaims) -> str:
 
 
 def _free_states(check: TubeCheck) -> list[int]:
-    """States of which nothing is asked at rest: `rest`, `moves` and sets leave them open.
+    """The states that `rest`, `moves` and sets leave without bounds.
 
-    The rate of each hangs on none of them, so that none ends in finite time.
+    The rate of each depends on none of them, so none becomes infinite in finite time.
     """
     asked = {*check.problem.drifts, *check.read_by_rest}
     ends = ((s, check.rooms[s]) for s in check.states if s not in asked)
@@ -410,7 +413,7 @@ def _free_states(check: TubeCheck) -> list[int]:
 def _why_never_safe(
     check: TubeCheck, claims: RestClaims, box: Mapping[int, Interval], free: Sequence[int]
 ) -> str:
-    """Why no rest is safe whatever the states `free` may be; "": one is."""
+    """Why no rest is shown that is safe for all values of the states `free`; "": one is."""
     names = ", ".join(_state_name(check, s) for s in free if s in check.read_by_safe)
     if not names or _holds_somewhere(
         check, Caller(check.offline_text(claims.ways)), box, "stays_safe"
@@ -419,24 +422,24 @@ def _why_never_safe(
     return f"nowhere at rest does `safe` hold whatever {names} may be, and nothing bounds that"
 
 
-def _around_rest(
-    check: TubeCheck, caller: Caller, sets: dict[int, Interval], own: Sequence[int]
+def _box_around_rest(
+    check: TubeCheck, caller: Caller, sets: dict[int, Interval], boxed: Sequence[int]
 ) -> dict[int, Interval] | None:
-    """A box outside of which `rest` certainly does not hold; None where it holds nowhere."""
+    """A box outside of which `rest` certainly fails; None where `rest` holds nowhere."""
     box = dict(sets)
     if caller.returns_true("never_rests", region_of(check, box)):
         return None
-    for s in own:
-        box[s] = _narrow_by_powers(check, caller, box, s)
+    for s in boxed:
+        box[s] = _side_narrowed_by_powers(check, caller, box, s)
         for upper in (False, True):
-            box[s] = _narrow_by_halving(check, caller, box, s, upper=upper)
+            box[s] = _side_narrowed_by_halving(check, caller, box, s, upper=upper)
     return None if caller.returns_true("never_rests", region_of(check, box)) else box
 
 
 def _holds_somewhere(
     check: TubeCheck, caller: Caller, box: Mapping[int, Interval], predicate: str
 ) -> bool:
-    """Whether a condition certainly holds in a state of the box: of none all would be true."""
+    """Whether a condition certainly holds at one of some states of the box that are tried."""
     draw, ends = random.Random(0), [(r.low, r.high) for r in box.values()]  # noqa: S311 - no secret
     usual = [(a / 2 + b / 2, min(max(0.0, a), b), a, b) for a, b in ends]
     states = [[draw.choice((*u, draw.uniform(u[2], u[3]))) for u in usual] for _ in range(TRIED)]
@@ -445,10 +448,10 @@ def _holds_somewhere(
     return any(caller.returns_true(predicate, region_of(check, at)) for at in tried)
 
 
-def _narrow_by_powers(
+def _side_narrowed_by_powers(
     check: TubeCheck, caller: Caller, box: dict[int, Interval], s: int
 ) -> Interval:
-    """Side `s`, where it has no set moved in by powers of ten while `rest` holds nowhere beyond."""
+    """The side `s`, if it has no set, cut to the least power of ten beyond which `rest` fails."""
     low, high = box[s].low, box[s].high
     if not is_far(check.rooms[s]):
         return box[s]
@@ -462,10 +465,10 @@ def _narrow_by_powers(
     return Interval(low, high)
 
 
-def _narrow_by_halving(
+def _side_narrowed_by_halving(
     check: TubeCheck, caller: Caller, box: dict[int, Interval], s: int, *, upper: bool
 ) -> Interval:
-    """The side `s` with one end moved in by bisection: `rest` holds nowhere in what is cut off."""
+    """The side `s` with one end moved in by bisection: `rest` fails in all that is cut off."""
     low, high = box[s].low, box[s].high
     outer, inner = (high, low) if upper else (low, high)
     for _ in range(HALVINGS):
@@ -479,7 +482,7 @@ def _narrow_by_halving(
 
 
 def _why_start_not_at_rest(check: TubeCheck, caller: Caller) -> str:
-    """Why condition 6, that every start of the plants leads to rest, is not shown; "": it is."""
+    """Why SC is not shown to lead every start to rest (condition 6), in words; "": it is."""
     initial = {s: check.problem.initial[s] for s in check.states}
     if any(map(is_far, initial.values())):
         return f"it is beyond {FARTHEST:g}"

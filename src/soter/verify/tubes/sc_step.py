@@ -1,11 +1,11 @@
-"""SC's step as expressions, whatever its variables hold.
+"""The step of SC as expressions, for all values that its variables may hold.
 
 Purpose: `ScStep` executes SC's step and its `on takeover` block over what SC reads ("y") and over
-its variables: a float, or a truth, is an input "l", which is any number of its range, at each step
-anew (condition 3 of "Decisions by tubes", proof-flight.md); a whole number is each of its values.
+its variables. A float or bool variable is an input "l", any number of its range, chosen anew at
+each step (condition 3 of "Decisions by tubes", proof-flight.md); an int variable has each value.
 `find_ranges` looks for ranges of floats that no step leaves, with the initial values in them.
-Non-goals: that no step leaves them (`step_is_defined`, asked by `rest_claims.py`); what a variable
-has to do with the states.
+Non-goals: the proof that no step leaves them (`step_condition`, used by `rest_claims.py`);
+relations between variables and states.
 """
 
 from __future__ import annotations
@@ -37,16 +37,16 @@ if TYPE_CHECKING:
 COMBINATIONS_MAX = 64
 FEWER = f": {COMBINATIONS_MAX} values together at most, or floats"
 FAR, NARROWED = 1e9, 10_000
-"""Within which range floats are looked for, and how often that is narrowed, at most."""
+"""The range in which floats are searched, and the most times that it is narrowed."""
 SLACK = 1e-9
-"""By less than this share of its width no range is narrowed: who asks again rounds, too."""
+"""By less than this share of its width no range is narrowed, as later checks round, too."""
 
 
 class ScStep:
-    """SC's step; `NoExpressionError` where SC may stay silent, or keeps values without expression.
+    """The step of SC; `NoExpressionError` if SC may publish nothing, or keeps unsupported values.
 
-    `commands`: what it publishes, in the order of controls. `ranges`: that of each input "l";
-    `floats`: the number of that input for each float of a variable, by its name.
+    `commands`: the published values, in the order of controls. `ranges`: the range of each input
+    "l"; `floats`: the number of the input for each float that SC keeps, by its name.
     """
 
     def __init__(self, module: ModuleExpressions) -> None:
@@ -58,7 +58,7 @@ class ScStep:
         step = problem.core.nodes[problem.module.sc]
         initial = problem.system.components[problem.module.sc].initial
         choices = [
-            self._choices(leaf_name(x.cell.name, path), t, first)
+            self._values_of_leaf(leaf_name(x.cell.name, path), t, first)
             for x, value in zip(step.locals, initial, strict=True)
             for path, t, first in leaves_of_value(x.type, value)
         ]
@@ -68,7 +68,7 @@ class ScStep:
             self._commands_of_step(step, values) for values in product(*choices)
         )
         for other in others:
-            which = self._new_truth()
+            which = self._new_undecided_condition()
             first = tuple(map(self._make.select, [which] * len(first), first, other))
         self.commands = list(first)
 
@@ -76,17 +76,17 @@ class ScStep:
         self.ranges.append(Interval(low, high))
         return self._make.input("l", len(self.ranges) - 1)
 
-    def _new_truth(self) -> Node:
-        """A condition that may hold or not, at each step anew."""
-        return self._make.compare(">", self._new_input(-1.0, 1.0), self._make.number(0.0))
+    def _new_undecided_condition(self) -> Node:
+        """A new condition that at each step may hold or not."""
+        return self._make.compare(">", self._new_input(-1.0, 1.0), self._make.constant(0.0))
 
-    def _choices(self, name: str, t: types.Type, first: Any) -> Sequence[Value]:  # noqa: ANN401
-        """The values that a leaf of a variable may have."""
+    def _values_of_leaf(self, name: str, t: types.Type, first: Any) -> Sequence[Value]:  # noqa: ANN401
+        """The values that a leaf of a variable may have, `first` at the beginning."""
         if isinstance(t, types.FloatType):
             self.floats[name] = len(self.ranges)
             return [self._new_input(first, first)]
         if isinstance(t, types.BoolType):
-            return [self._new_truth()]
+            return [self._new_undecided_condition()]
         if isinstance(t, types.EnumType):
             return range(len(t.members))
         if isinstance(t, types.IntType) and t.high - t.low < COMBINATIONS_MAX:
@@ -94,7 +94,7 @@ class ScStep:
         raise NoExpressionError(f"SC keeps `{name}`, a `{t}`{FEWER}")
 
     def _commands_of_step(self, step: core.NodeStep, parts: Sequence[Value]) -> tuple[Node, ...]:
-        """The commands of a step that begins with `parts` in SC's variables; notes conditions."""
+        """The commands of a step that begins with the values `parts`; stores its conditions."""
         left = iter(parts)
         before = [value_of_leaves(x.type, left) for x in step.locals]
         for code in (step.takeover, step.body):
@@ -106,15 +106,15 @@ class ScStep:
             body.run(code)
             numbers = (e for e in body.computed if e.op != "number")
             self._conditions += body.guards
-            self._conditions += [self._make.inside(e, -LARGEST, LARGEST) for e in numbers]
+            self._conditions += [self._make.in_range(e, -LARGEST, LARGEST) for e in numbers]
             for x in step.locals:
                 for path, t, v in leaves_of_value(x.type, body.frame.variables[x.name]):
                     if isinstance(t, types.FloatType):
                         k = self.floats[leaf_name(x.cell.name, path)]
                         self._assigned += [(k, e) for e in _possible_values(v) if e.of != ("l", k)]
-        return self._published(step, body)
+        return self._published_commands(step, body)
 
-    def _published(self, step: core.NodeStep, body: ExpressionReading) -> tuple[Node, ...]:
+    def _published_commands(self, step: core.NodeStep, body: ExpressionReading) -> tuple[Node, ...]:
         found = {}
         for number, output in enumerate(step.outputs):
             published, value, t = body.frame.outputs[number]
@@ -125,22 +125,22 @@ class ScStep:
         leaves = self._module.problem.quantities.controls
         return tuple(found[leaf.owner, leaf.path] for leaf in leaves)
 
-    def step_is_defined(self) -> Node:
-        """The condition that a step on reads y neither faults nor leaves any set or range.
+    def step_condition(self) -> Node:
+        """The condition that a step on the reads y neither faults nor leaves a set or range.
 
-        It also says that every number on the way is finite, so that none becomes NaN.
+        It includes that every computed number is finite, so that none becomes NaN.
         """
         held, make = self._make.true, self._make
         ends = list(zip(self.commands, self._module.problem.controls, strict=True))
         ends += [(v, self.ranges[k]) for k, v in self._assigned]
-        for condition in (*self._conditions, *(make.inside(v, r.low, r.high) for v, r in ends)):
+        for condition in (*self._conditions, *(make.in_range(v, r.low, r.high) for v, r in ends)):
             held = make.join("and", held, condition)
         return held
 
     def find_ranges(self, reads: Mapping[int, Interval]) -> str:
-        """Sets `ranges` to ranges that no step leaves; returns a float that has none, or "".
+        """Sets `ranges` to ranges that no step leaves; returns the name of a float without, or "".
 
-        `reads`: for each state the set of SC's reads of it.
+        `reads`: for each state the set of the values that SC may read of it.
         """
         roots, first = [v for _, v in self._assigned], list(self.ranges)
         if not roots:
@@ -148,14 +148,14 @@ class ScStep:
         if any(e.op == "input" and e.of[0] not in "ly" for e in in_order(roots)):
             raise NoExpressionError("what SC keeps hangs on a time, an age or a mode")
         steps = Enclosures([roots], shared=True)
-        read_ranges = {("y", s): cut_to_farthest(r) for s, r in reads.items()}
+        fixed = {("y", s): cut_to_farthest(r) for s, r in reads.items()}
         for k in self.floats.values():
             self.ranges[k] = Interval(-FAR, FAR)
         for _ in range(NARROWED):
             after, inputs = list(first), {("l", k): r for k, r in enumerate(self.ranges)}
-            for (k, _), r in zip(self._assigned, steps.of(0, read_ranges | inputs), strict=True):
+            for (k, _), r in zip(self._assigned, steps.ranges(0, fixed | inputs), strict=True):
                 after[k] = Interval(min(after[k].low, r.low), max(after[k].high, r.high))
-            narrow = list(map(_narrowed, self.ranges, after))
+            narrow = list(map(_narrowed_range, self.ranges, after))
             if narrow == self.ranges:
                 break
             self.ranges = narrow
@@ -164,18 +164,18 @@ class ScStep:
 
 
 def _possible_values(e: Node) -> list[Node]:
-    """The expressions that `e` may be, whatever the conditions of its branches are."""
+    """The expressions that `e` may be equal to, for any conditions of its branches."""
     return [x for side in e.of[1:] for x in _possible_values(side)] if e.op == "select" else [e]
 
 
-def _narrowed(a: Interval, b: Interval) -> Interval:
-    """The range `b` cut to `a`, but with the ends of `a` where those of `b` are hardly nearer."""
+def _narrowed_range(a: Interval, b: Interval) -> Interval:
+    """The range `b` cut to `a`, but with an end of `a` where that of `b` is hardly nearer."""
     off = SLACK * (a.high - a.low)
     low, high = a.low + off, a.high - off
     return Interval(b.low if b.low > low else a.low, b.high if b.high < high else a.high)
 
 
 def variables_entry(ranges: Mapping[str, Interval]) -> dict[str, object]:
-    """The part about floats that SC keeps, by name, of an entry of a certificate."""
+    """The part of a certificate's entry about the floats that SC keeps, by name."""
     ends = {n: [r.low.hex(), r.high.hex()] for n, r in ranges.items()}
     return {"keeps": ends} if ends else {}

@@ -1,4 +1,4 @@
-"""The check of a DM by tubes, written as Soter source, and the predicates that call it.
+"""The check by which a DM with `rest` decides, written as Soter source.
 
 Purpose: `TubeCheck` reads a module's rates, law and predicates as expressions. Of them and of the
 parts that all modules share (`forms.soter`, `tube.soter`, `check.soter`) it writes two programs:
@@ -45,9 +45,9 @@ from soter.verify.tubes.generated_functions import (
     shared_text,
     sure_text,
 )
-from soter.verify.tubes.kinks import following_text
+from soter.verify.tubes.kinks import text_that_follows_sc
 from soter.verify.tubes.module_expressions import ModuleExpressions
-from soter.verify.tubes.moved_rates import domain_conditions, state_that_may_end
+from soter.verify.tubes.moved_rates import domain_conditions, state_that_may_grow_without_end
 from soter.verify.tubes.problem import (
     FARTHEST,
     TubeProblem,
@@ -72,35 +72,34 @@ if TYPE_CHECKING:
 
 RANGED = "x: Ranges, u: Orders"
 ON = ", on: bool[BRANCHES]"
-"""The parameter of rates with branches: which of these a step takes."""
+"""The parameter of rates with branches: for each branch whether a step takes it."""
 SYMBOLS_MAX = 2000
-"""How many symbols a form may have: the rounding bounds of `forms.soter` count on it."""
+"""The most symbols of a form; the rounding bounds of `forms.soter` depend on it."""
 ATTEMPTS, LEVELS, PARTS = 5, 6, 4
 NO_RANGE = "{ lo: 0.0, hi: 0.0 }"
 FREE, STEPS, LONGEST = 2, 1, 8
-"""How finely a tube is cut: steps until SC acts, steps in a period of SC, periods in one step of an
-SC that reads nothing."""
+"""The steps of a tube until SC acts, the steps in a period of SC, and the most periods in a step of
+an SC that reads nothing."""
 UNBOUNDED = "no bound is seen of `{}`, which SC keeps from step to step"
 BOUND = "limit it where it is assigned: `i = clamp(i + ..., -1.0, 1.0)`"
 BOUND_READ = "a filter needs sets of the topics that it reads"
 CUTS = (6, True), (6, False), (40, True)
-"""Ways to shorten forms: how many columns are kept, and whether the largest as shares of their
-state's width are kept (True) or the largest as they are."""
+"""Ways to shorten forms: how many columns are kept, and whether these are the largest relative to
+the width of their state (True) or the largest in absolute size."""
 PLAIN, MOST = 1, 2
 WAY = 3
-"""In how many steps a command that is not permitted is moved to SC's, each of which is judged."""
+"""A command that is not permitted is moved to SC's in so many steps, and each is judged."""
 ENDINGS = 2
-"""Into how many parts the time is cut in which a judged command may cease to act."""
+"""The number of parts of the time during which a judged command may cease to act."""
 
 
 class TubeCheck:
-    """The expressions of one problem; `SoterError` R007 where one of them is not of reals.
+    """The check of one problem; `SoterError` R007 where it needs more than real expressions.
 
-    `states`: those that the law or a condition depends on, in the order of estimates; their rates
-    read no others. `read_sets`: the set of SC's reads of a state; `rooms`: its range within C, by
-    the sets of what plants publish; `turning`: angles that need not come back, with a turn as
-    range; `cut`: the number in `CUTS` in use (`leading_back.py`); `kink`: runs are collected behind
-    it.
+    `states`: the states on which the law or a condition depends, in the order of estimates; their
+    rates read no others. By state: `read_sets`, the values that SC may read; `rooms`, the range
+    within C, by the sets of what plants publish. `turning`: angles that need not come back, whose
+    range is a turn; `cut`: the index of the way in `CUTS`; `kink`: where runs are collected.
     """
 
     law: Sequence[Node]
@@ -108,7 +107,7 @@ class TubeCheck:
     def __init__(self, problem: TubeProblem) -> None:
         self.problem = problem
         self.kink: Kink | None = None
-        self.times = TubeTimes.of(problem)
+        self.times = TubeTimes.of_problem(problem)
         try:
             self._read_module()
         except NoExpressionError as error:
@@ -122,21 +121,21 @@ class TubeCheck:
         self.make = module.make
         self.rates = every = self.make.rates_by_branch(module.rates())[0]
         self._read_sc(module)
-        self._safe = module.constraint()
+        self._safe = module.constraint_condition()
         self.rooms = module.rooms
         self._rest = module.condition_of_predicate(self.problem.rest)
         asked = [*self.law, self._defined, self._safe, self._rest]
         self.states = states_read_through(asked, every)
-        rates, zero = [every[s] for s in self.states], self.make.number(0.0)
+        rates, zero = [every[s] for s in self.states], self.make.constant(0.0)
         moved = module.moved_rates(rates)
         self._still, self._ranged, of_movers = moved.still, moved.ranged, enumerate(moved.effects)
         found = [(k, m, e) for m, row in of_movers for k, e in enumerate(row) if e is not zero]
-        self._effects = found or [(0, 0, zero)]  # no array is empty
+        self._effects = found or [(0, 0, zero)]  # as an array must not be empty
         _, self._decided, self._branches = self.make.rates_by_branch(self._still)
         self._bends = module.derivatives_of_rates(self._decided)
         effects = [e for row in moved.effects for e in row]
         parts, slopes = [*self._still, *effects], module.derivatives_of_rates(effects)
-        for condition in domain_conditions(self.make, parts, slopes):  # SC's are asked of its step
+        for condition in domain_conditions(self.make, parts, slopes):  # SC's are in `_defined`
             self._safe = self.make.join("and", self._safe, condition)
         asked = [*self.law, self._safe, self._rest]
         self.turning = turning_states(asked, rates, self.problem.drifts)
@@ -147,7 +146,7 @@ class TubeCheck:
         self._faced = [k for k, s in enumerate(self.states) if s in states_read([self._still[k]])]
         self.read_by_law = states_read([*self.law, self._defined])
         for s in self.read_by_law & {*self.turning}:
-            far = rounded_up(Fraction(FARTHEST_TURN) + Fraction(self.errors()[s]))
+            far = rounded_up(Fraction(FARTHEST_TURN) + Fraction(self.error_by_state()[s]))
             self.read_sets[s] = Interval(-far, far)
         self.answers_vary = bool(self.read_by_law or self.kept)
         self.cut = 0 if self.answers_vary else PLAIN  # no answer shares a symbol with a state
@@ -158,7 +157,7 @@ class TubeCheck:
         inputs = [e for e in in_order([self._defined, *asked, *rates]) if e.op == "input"]
         if any(e.of[0] not in "lxyuwm" for e in inputs):
             raise NoExpressionError("something reads a time, an age or a mode")
-        endless = state_that_may_end(self.make, self.rates, self.states)
+        endless = state_that_may_grow_without_end(self.make, self.rates, self.states)
         if endless is not None:
             name = self.problem.quantities.states[endless].name
             raise NoExpressionError(
@@ -176,10 +175,10 @@ class TubeCheck:
         if name := step.find_ranges(self.read_sets):
             raise refusal(self.problem, UNBOUNDED.format(name), (BOUND, BOUND_READ))
         self.variables = {name: step.ranges[k] for name, k in step.floats.items()}
-        self.law, self.kept, self._defined = step.commands, step.ranges, step.step_is_defined()
+        self.law, self.kept, self._defined = (step.commands, step.ranges, step.step_condition())
 
     def _refuse_other_topics(self, seen: Mapping[int, tuple[int, int]]) -> None:
-        """Refuses an SC that sees a plant by a topic that its DM does not read: it may be older."""
+        """Refuses an SC that reads a state by a topic its DM does not read, which may be older."""
         problem, topics = self.problem, self.problem.system.topics
         estimate = {problem.topic_leaf_of_state[s][0] for s in self.states}
         other = sorted(topics[i].name for i in {topic for topic, _ in seen.values()} - estimate)
@@ -192,22 +191,22 @@ class TubeCheck:
             raise NoExpressionError(f"only `{unread[0]}`, which nobody reads, shows a state")
 
     def text_in_flight(self, ways: Mapping[int, Interval]) -> str:
-        """The text that flies; `ways`: Y, the range shown of states that `moves` does not name."""
+        """The text that flies; `ways`: Y, the ranges of the states that `moves` does not name."""
         return self._joined_text(self._texts_in_flight(ways))
 
     def _texts_in_flight(self, ways: Mapping[int, Interval]) -> list[str]:
         shield = self.problem.module.shield
-        return [*self._tube_functions(ways), *([self._judging_functions(shield)] if shield else [])]
+        return [*self._tube_texts(ways), *([self._judging_text(shield)] if shield else [])]
 
     def decision_cost(self) -> Cost:
-        """The worst cost of one decision: `good`, and `judged`, or `toward`, of commands."""
+        """The worst cost of one decision: `good`, `judged` and `toward` together, if they exist."""
         functions = functions_of(self.text_in_flight({s: Interval(-1.0, 1.0) for s in self.states}))
         every = [cost_of(functions[n]) for n in ("good", "judged", "toward") if n in functions]
         most = max(cost.bytes for cost in every)
         return every[0]._replace(operations=sum(cost.operations for cost in every), bytes=most)
 
     def offline_operations(self, switches: int) -> int:
-        """The most operations of one function, with `switches` outputs of SC; `TooLongError`."""
+        """The most operations of a function with `switches` outputs of SC; TooLongError."""
         shorter = copy(self)
         shorter.times = replace(self.times, switches=switches)
         functions = functions_of(
@@ -216,7 +215,7 @@ class TubeCheck:
         return max(cost_of(f).operations for f in functions.values())
 
     def offline_text(self, ways: Mapping[int, Interval]) -> str:
-        """The text of `text_in_flight` with the functions that are asked before anything flies."""
+        """The text of `text_in_flight` with the functions that are called before the flight."""
         inputs = self._input_texts()
         texts = [
             sure_text("law_defined", "y: Forms", self._defined, inputs),
@@ -226,9 +225,9 @@ class TubeCheck:
         return self._joined_text([*self._texts_in_flight(ways), *texts])
 
     def _joined_text(self, parts: Sequence[str]) -> str:
-        """The joined text, without parameters for maps and branches that the module does not have.
+        """The joined text, without the parameters for maps and branches if the module has none.
 
-        Where commands stand in no rate as ranges nothing asks how far they may be off.
+        Where no rate has commands as ranges, `spread` is left out, which widens commands.
         """
         text, first = "\n".join(parts), self.problem.first_map
         if not any(x.of[0] == "u" for x in self._ranged):
@@ -246,8 +245,8 @@ class TubeCheck:
         ]
         return "\n".join([*lines, text])
 
-    def _judging_functions(self, shield: Shield) -> str:
-        """The functions and constants that judge a command (`judged.soter`)."""
+    def _judging_text(self, shield: Shield) -> str:
+        """The text of the functions and constants that judge a command (`judged.soter`)."""
         times = self.times
         command_ns = times.latest - times.any_command
         numbers = len(self.problem.system.topics[shield.topic].default)
@@ -261,11 +260,11 @@ class TubeCheck:
             f"const ENDING: float = {number_text(nearest_seconds(command_ns, ENDINGS))};",
             f"const ANY_FOR: float = {number_text(nearest_seconds(times.any_command))};",
         ]
-        moving = [] if shield.proposed is None else [self._moving_functions()]
+        moving = [] if shield.proposed is None else [self._moving_text()]
         return "\n".join([*lines, shared_text("judged.soter"), *moving])
 
-    def _moving_functions(self) -> str:
-        """The functions and constants that move a command (`toward.soter`)."""
+    def _moving_text(self) -> str:
+        """The text of the functions and constants that move a command (`toward.soter`)."""
         topics, controls = self.problem.system.topics, self.problem.quantities.controls
         places = [(i, p) for i in self.problem.module.outputs for p, _ in leaves(topics[i].type)]
         lasting_ns = self.times.latest - self.times.any_command + self.problem.lead_ns
@@ -287,7 +286,7 @@ class TubeCheck:
         return "\n".join([*lines, text])
 
     def _input_texts(self, of: str = FORMS) -> Inputs:
-        """The text of each input; a state stands at its place in `states`."""
+        """The text of each input, by kind and number; a state has its index in `states`."""
         places = [(s, k) for k, s in enumerate(self.states)]
         found = {(kind, s): f"{kind}[{k}]" for kind in "xyv" for s, k in places}
         q = self.problem.quantities
@@ -295,51 +294,51 @@ class TubeCheck:
         found |= {("l", k): f"KEPT_BY_SC[{k}]" for k, _ in enumerate(self.kept)}
         return found | {("u", k): f"u[{k}]" for k in range(len(q.controls))}
 
-    def _tube_functions(self, ways: Mapping[int, Interval]) -> list[str]:
-        """The constants, and the functions of the tube, that both programs have."""
+    def _tube_texts(self, ways: Mapping[int, Interval]) -> list[str]:
+        """The texts of the constants and functions of the tube, which both programs have."""
         inputs, ranges = self._input_texts(), self._input_texts(RANGES)
         constant = shared_text("constant.soter")  # simpler functions of an SC that reads nothing
         return [
-            self._constants(),
+            self._constants_text(),
             shared_text("forms.soter"),
             shared_text("tube.soter"),
-            self._ranged_movers(),
+            self._ranged_movers_text(),
             fun_text("rates", f"x: Forms, u: Controls{ON}", self._decided, inputs, "Forms"),
             fun_text("speeds", RANGED, self._still, ranges, "Ranges", RANGES),
             fun_text("effects", RANGED, [e for *_, e in self._effects], ranges, "Effects", RANGES),
             fun_text("bends", f"x: Forms, u: Controls, v: Forms{ON}", self._bends, inputs, "Forms"),
             *([decided_text("branches", RANGED, self._branches, ranges)] if self._branches else []),
-            self._rates_by_number(ranges),
+            self._rates_by_number_text(ranges),
             fun_text("law", "y: Forms", self.law, inputs, "Controls"),
             sure_text("safe", f"x: Forms, {MAP}: Map", self._safe, inputs, first=self._map_guard()),
             sure_text("rests", "x: Forms", self._rest, inputs),
-            self._at_rest(ways),
+            self._at_rest_text(ways),
             shared_text("check.soter"),
-            following_text(self.states, self.kink) if self.answers_vary else constant,
+            text_that_follows_sc(self.states, self.kink) if self.answers_vary else constant,
         ]
 
     def _map_guard(self) -> str:
-        """The first lines of `safe`: false for a map with a NaN or a number beyond `FARTHEST`."""
+        """The first lines of `safe`, which refuse maps with a NaN or beyond `FARTHEST`."""
         asked = f"    if !(abs({MAP}[k]) < {number_text(FARTHEST)}) {{ return false; }}"
         return f"  for k in 0..MAPS {{\n{asked}\n  }}\n" if self.problem.map_leaves else ""
 
-    def _ranged_movers(self) -> str:
-        """The ranges of disturbances, and of commands that may be off, which stand in rates."""
+    def _ranged_movers_text(self) -> str:
+        """The text of the ranges of disturbances and commands that stand in rates as ranges."""
         lines, winds = [], self.problem.disturbances
         if any(reads_kind(x, "w") for x in self._ranged):
             forms = [form_text(middle(d), half_width(d), d.low, d.high) for d in winds]
             ranges = [f"{{ lo: {number_text(d.low)}, hi: {number_text(d.high)} }}" for d in winds]
             pairs = (f"{FORMS}: Form", forms), (f"{RANGES}: Range", ranges)
             lines += [f"const WIND_{of}[{len(winds)}] = {array_text(x)};" for of, x in pairs]
-        if own := [x.of[1] for x in self._ranged if x.of[0] == "u"]:
+        if control_numbers := [x.of[1] for x in self._ranged if x.of[0] == "u"]:
             lines += ["fun spread(u: Controls, wide: Wide): Controls {", "  var v = u;"]
-            for k in own:
+            for k in control_numbers:
                 ends = ", ".join(map(number_text, astuple(self.problem.controls[k])))
                 lines.append(f"  v[{k}] = cut(widened(u[{k}], wide[DISTURBANCES + {k}]), {ends});")
             lines += ["  return v;", "}"]
         return "\n".join(lines)
 
-    def _rates_by_number(self, inputs: Inputs) -> str:
+    def _rates_by_number_text(self, inputs: Inputs) -> str:
         """The text of `fun faced`, the rate of one state by its number, for `tube.soter`."""
         lines, calls = [], "  return EVERYTHING;"
         for k in self._faced:
@@ -361,8 +360,8 @@ class TubeCheck:
         head = "fun faced(i: int, x: Ranges, u: Orders, a: Orders, wide: Wide): Range"
         return "\n".join([*lines, f"{head} {{\n{calls}\n}}\n"])
 
-    def _at_rest(self, ways: Mapping[int, Interval]) -> str:
-        """`fun at_rest`: `rest` holds, and `safe` in all that SC may move to from there."""
+    def _at_rest_text(self, ways: Mapping[int, Interval]) -> str:
+        """The text of `fun at_rest`: `rest` holds, and `safe` wherever SC may move from there."""
         lines, read = [], self.read_by_safe
         for k, s in enumerate(self.states):
             if s in read and (drift := self.problem.drifts.get(s)) is not None:
@@ -378,8 +377,8 @@ class TubeCheck:
         head = f"fun at_rest(x: Forms, {MAP}: Map): bool"
         return f"{head} {{\n{body}\n  return safe(m, {MAP});\n}}\n"
 
-    def errors(self) -> dict[int, float]:
-        """The bound of the measured error of each of `states`, by its number."""
+    def error_by_state(self) -> dict[int, float]:
+        """The bound of the measurement error of each of `states`, by its number."""
         p, found = self.problem, dict.fromkeys(self.states, 0.0)
         for leaf, bounds in zip(p.quantities.errors, p.errors, strict=True):
             paths = [path for path, _ in leaves(p.system.topics[leaf.owner].type)]
@@ -388,9 +387,9 @@ class TubeCheck:
                 found[state] = max(found[state], -bounds.low, bounds.high)
         return found
 
-    def _constants(self) -> str:
-        """The constants of the text: sizes, times in seconds, and ranges."""
-        sizes = self._whole_constants()
+    def _constants_text(self) -> str:
+        """The text of all constants: sizes, times in seconds, and ranges."""
+        sizes = self._whole_number_constants()
         if sizes["SYMBOLS"] > SYMBOLS_MAX:
             msg = f"{sizes['SYMBOLS']} symbols of a form: more than {SYMBOLS_MAX}"
             raise refusal(self.problem, msg)
@@ -399,10 +398,10 @@ class TubeCheck:
         shares = CUTS[self.cut][1]
         lines += [f"const SHARES: bool = {str(shares).lower()};"]
         lines += [f"const RESET: float = {0.5 if self.answers_vary else 0.9};"]
-        return "\n".join([*lines, *self._arrays(sizes)]) + "\n"
+        return "\n".join([*lines, *self._array_lines(sizes)]) + "\n"
 
-    def _whole_constants(self) -> dict[str, int]:
-        """The whole numbers of the text: counts of states, commands, ..., first symbols."""
+    def _whole_number_constants(self) -> dict[str, int]:
+        """The integer constants, by name: counts of states, commands, ...; first symbols."""
         q, times, n = self.problem.quantities, self.times, len(self.states)
         moved = len(q.controls) + len(q.disturbances)
         keep, _ = CUTS[self.cut]
@@ -428,11 +427,11 @@ class TubeCheck:
         }  # fmt: skip
 
     def _sources_of_reads(self) -> list[tuple[int, int]]:
-        """The sources of SC's reads, each of one instant: a plant's topic, a node's number."""
+        """The sources of SC's reads, (topic, state or -1), each of which shows one instant."""
         return sorted({self._sample[s] for s in self.read_by_law}) or [(-1, -1)]
 
     def _seconds(self) -> dict[str, float]:
-        """The times of the text, in s."""
+        """The constants that are times, in s, by name."""
         times = self.times
         begin = max(0, times.start - times.period - times.jitter)
         return {
@@ -449,7 +448,7 @@ class TubeCheck:
             "SETTLED": nearest_seconds(times.switches * times.period),
         }
 
-    def _kept_forms(self, sizes: Mapping[str, int]) -> list[str]:
+    def _kept_form_texts(self, sizes: Mapping[str, int]) -> list[str]:
         """The text of a form for each number that SC keeps, with a symbol of its own."""
         forms, first = [], sizes["READS"] + sizes["STATES"]
         for k, r in enumerate(self.kept, first):
@@ -458,9 +457,9 @@ class TubeCheck:
             forms.append(form.replace("NONE", numbers_text(g)))
         return forms
 
-    def _arrays(self, sizes: Mapping[str, int]) -> list[str]:
-        """The constants that are arrays: ranges of what moves the states, and first values."""
-        symbols, kept = sizes["SYMBOLS"], self._kept_forms(sizes)
+    def _array_lines(self, sizes: Mapping[str, int]) -> list[str]:
+        """The lines of the constants that are arrays: ranges of commands, and initial values."""
+        symbols, kept = sizes["SYMBOLS"], self._kept_form_texts(sizes)
         half = [half_width(c) for c in self.problem.controls]
         wide = [half_width(d) for d in self.problem.disturbances]
         n, m, faced = len(self.states), len(half), [str(k) for k in self._faced]
@@ -479,7 +478,7 @@ class TubeCheck:
             *[f"const KEPT_BY_SC: Form[{len(kept)}] = {array_text(kept)};"] * bool(kept),
             f"const NONE: float[SYMBOLS] = {numbers_text([0.0] * symbols)};",
             f"const NO_RATES: float[STATES] = {zero};",
-            f"const ERRORS: float[STATES] = {numbers_text(self.errors().values())};",
+            f"const ERRORS: float[STATES] = {numbers_text(self.error_by_state().values())};",
             f"const NOWHERE: Forms = {array_text([exact_form_text(0.0)] * n)};",
             f"const NO_RANGES: Ranges = {array_text([NO_RANGE] * n)};",
             f"const NO_ORDERS: Orders = {array_text([NO_RANGE] * m)};",

@@ -33,14 +33,14 @@ IN_S0 = 2
 
 @dataclass(frozen=True, eq=False)
 class TubeLevels(LevelTable):
-    """Level 2 of an estimate from which SC is followed to rest, level 0 of every other one."""
+    """Levels of estimates: 2 where the check follows SC to rest, 0 everywhere else."""
 
     states: tuple[int, ...]
     text: str
     maps: int = 0
-    """How many numbers of maps the function takes, after those of the estimate."""
+    """The number of map values that the function takes after those of the estimate."""
     rest: object = None
-    """What it is made of, as a certificate has it (`rest_claims.py`)."""
+    """The constants of the check, as a certificate has them (`rest_entry`)."""
     two_levels = True
     ends = ()
     """Empty: there are no cells, so no breakpoints."""
@@ -48,8 +48,8 @@ class TubeLevels(LevelTable):
     samples = None
 
     @classmethod
-    def of(cls, check: TubeCheck, ways: Mapping[int, Interval], rest: object) -> TubeLevels:
-        """The predicates of one check; `ways`: Y, the range of each state as shown offline."""
+    def of_check(cls, check: TubeCheck, ways: Mapping[int, Interval], rest: object) -> TubeLevels:
+        """The levels by one check; `ways`: Y, the range of each state as shown offline."""
         return cls(
             tuple(check.states), check.text_in_flight(ways), len(check.problem.map_leaves), rest
         )
@@ -64,42 +64,44 @@ class TubeLevels(LevelTable):
         raise NotImplementedError
 
     def function(self, w: Writer, name: str) -> FunSymbol:
-        """`fun level(x0: float, ...): int`."""
+        """The function `fun level(x0: float, ...): int`."""
         good = self.functions_by_name["good"]
         pairs = (("x", len(self.states)), ("m", self.maps))
         inputs = [[w.variable(f"{a}{k}", "parameter", FLOAT) for k in range(n)] for a, n in pairs]
-        found = w.call(good, *(w.floats([w.read(x) for x in of]) for of in inputs if of))
-        answer = t.Conditional(INT, w.span, found, w.number(IN_S0), w.number(0))
-        return w.function(name, tuple(x for of in inputs for x in of), [w.give(answer)])
+        found = w.call_of(good, *(w.floats([w.read(x) for x in of]) for of in inputs if of))
+        answer = t.Conditional(INT, w.span, found, w.integer(IN_S0), w.integer(0))
+        return w.function(name, tuple(x for of in inputs for x in of), [w.result(answer)])
 
     def more_arguments(self, w: Writer, problem: Problem) -> list[t.TypedExpr]:
         """An expression for each number of the maps that `safe` reads."""
         assert isinstance(problem, TubeProblem)
         at = {index: symbol for symbol, index in problem.module.scope.topics.items()}
         paths = {i: [p for p, _ in leaves(at[i].type)] for i, _ in problem.map_leaves}
-        return [w.leaf(at[i], paths[i][k]) for i, k in problem.map_leaves]
+        return [w.leaf_of(at[i], paths[i][k]) for i, k in problem.map_leaves]
 
     def judged_command(self, w: ShieldWriter) -> t.TypedExpr:
-        """An expression: SC brings the plant to rest from all commands that may then act."""
-        own = [w.held_number(k) for k in range(len(w.problem.controls))]
-        return self._call_about_commands(w, "judged", w.floats(own))
+        """The expression that SC brings the plant to rest after all commands that may act."""
+        held_numbers = [w.held_command(k) for k in range(len(w.problem.controls))]
+        return self._call_about_commands(w, "judged", w.floats(held_numbers))
 
     def moved_command(self, w: ShieldWriter, proposed: Topic) -> t.TypedExpr:
-        """The expression of `Shield.moved`; `proposed`: the topic of AC's and SC's commands."""
+        """The expression for `Shield.moved`; `proposed`: the topic with AC's and SC's commands."""
         wanted: t.TypedExpr = t.TopicRead(proposed.type, w.span, proposed.symbol)
         if (tried := w.problem.module.symbol.candidates) is not None:
-            more = [w.leaf(tried, path) for path, _ in leaves(tried.type)]
-            both = [w.element(wanted, w.number(k)) for k in range(len(proposed.default))]
+            more = [w.leaf_of(tried, path) for path, _ in leaves(tried.type)]
+            both = [w.element_at(wanted, w.integer(k)) for k in range(len(proposed.default))]
             wanted = w.floats([*both, *more])
         return self._call_about_commands(w, "toward", wanted)
 
     def _call_about_commands(
         self, w: ShieldWriter, name: str, commands: t.TypedExpr
     ) -> t.TypedExpr:
-        """A call of a function about commands, with the estimate and when others acted."""
+        """A call of a function about commands, the estimate, and when earlier commands acted."""
         at, maps = w.floats(estimate_leaves(w, w.problem, self)), self.more_arguments(w, w.problem)
         arguments = [w.floats(maps)] if maps else []
-        return w.call(self.functions_by_name[name], at, commands, w.times(), w.since(), *arguments)
+        return w.call_of(
+            self.functions_by_name[name], at, commands, w.end_times(), w.window_start(), *arguments
+        )
 
     def entry(self, names: Sequence[str], stem: str, files: dict[str, bytes]) -> dict[str, object]:
         """The constants of the check; the check itself is made from the program."""

@@ -1,9 +1,9 @@
-"""Angles that turn: states that all of a module reads modulo a full turn.
+"""Angles that turn: states that a module reads only modulo a full turn.
 
-Purpose: `turning_states` finds them; `reads_modulo_turns` says whether expressions are the same
-where a state is whole turns further; `with_rounding_of_turns` makes those that also hold what a
-program rounds there ("An angle that turns" in docs/proof-flight.md).
-Non-goals: what is shown of them (`rest_claims.py`), grids (`problem/axes.py`).
+Purpose: `turning_states` finds them; `reads_modulo_turns` says whether expressions stay the same
+when a state changes by whole turns; `with_rounding_of_turns` adds to expressions the rounding of
+angles many turns away ("An angle that turns" in docs/proof-flight.md).
+Non-goals: claims about them (`rest_claims.py`), grids (`problem/axes.py`).
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 
 
 A_TURN = Interval(-3.1416, 3.1416)
-"""A full turn and a little more: its ends overlap."""
+"""A little more than a full turn, so that the ends overlap."""
 FARTHEST_TURN = 2.0**14
-"""How far from 0 such an angle is assumed to be at most, in rad."""
+"""The assumed largest distance of such an angle from 0, in rad."""
 TURNS_MAX, SUMS_MAX = 4, 7
 """So many such states, and sums with one of them in an angle, may be off by half of `FAR_TURNS`
 (`forms.soter`): 4 (7 + 1) roundings of up to 2^-53 (2^14 + 4), sensors among them."""
@@ -32,9 +32,9 @@ OF_A_TURN = COMPUTED | {"real_sin", "real_cos"}
 
 
 def reads_modulo_turns(roots: Sequence[Node], state: int) -> bool:
-    """Whether `roots` read a state as itself, or its negative, within angles of functions alone."""
+    """Whether `roots` read a state only in angles of functions, as itself or its negative."""
     times: dict[Node, float] = {}
-    """How often each node is the state, beside what is the same a turn further; inf: otherwise."""
+    """The turns by which each node grows if the state grows by one turn; inf: no multiple."""
     for e in in_order(roots):
         times[e] = _multiple_of_state(e, [times[x] for x in e.of if isinstance(x, Node)], state)
         if e.op in OF_A_TURN and times[e.of[0]]:
@@ -47,9 +47,9 @@ def reads_modulo_turns(roots: Sequence[Node], state: int) -> bool:
 def turning_states(
     asked: Sequence[Node], rates: Sequence[Node], drifts: Collection[int]
 ) -> list[int]:
-    """The angles that need not come back: all expressions read them modulo a full turn.
+    """The states that need not come back, as all expressions read them modulo a full turn.
 
-    A declared set of a topic is a part of C, which then reads how many turns there are.
+    A state with a declared set is none: the set is a part of C, which then counts the turns.
     """
     read = states_read(asked) - {*drifts}
     found = [s for s in sorted(read) if reads_modulo_turns([*asked, *rates], s)]
@@ -57,7 +57,7 @@ def turning_states(
 
 
 def _multiple_of_state(e: Node, of: Sequence[float], state: int) -> float:
-    """How often `e` is the state, where its operands are that `of` times; inf: not a multiple."""
+    """The multiple of the state in `e`, `of` being those in its operands; inf: not a multiple."""
     if e.op == "input":
         return float(e.of[0] in "xy" and e.of[1] == state)
     if not any(of) or (e.op in OF_A_TURN and abs(of[0]) == 1.0):
@@ -73,10 +73,10 @@ def _multiple_of_state(e: Node, of: Sequence[float], state: int) -> float:
 def with_rounding_of_turns(
     make: Expressions, roots: Sequence[Node], turning: Sequence[int]
 ) -> list[Node]:
-    """The same expressions, with angles that are off by the rounding many turns further."""
+    """The same expressions, in which angles have the rounding error of many turns."""
     known: dict[Node, Node] = {}
     for e in in_order(roots):
         if e.op in COMPUTED and states_read([e]) & {*turning}:
-            angle = make.function("any_turn", make.replaced(e.of[0], known))
-            known[e] = make.function(e.op, angle)
-    return [make.replaced(e, known) for e in roots]
+            angle = make.function_node("any_turn", make.substituted(e.of[0], known))
+            known[e] = make.function_node(e.op, angle)
+    return [make.substituted(e, known) for e in roots]

@@ -1,10 +1,10 @@
 """The verdicts on a module whose DM decides by tubes, and its entry in a certificate.
 
-Purpose: `verify_by_tubes` turns what was shown offline into findings, property by property. What DM
-decides in flight is never called proved: it is *assumed* that its compiled check is sound
-(docs/proof-flight.md, "Decisions by tubes", condition 5). `certificate_entry` writes what is
-claimed of the module, and the constants of its check.
-Non-goals: showing it (`rest_claims.py`), checking a certificate (`certificate/tubes/`).
+Purpose: `verify_by_tubes` turns the claims shown offline into a finding for each property. The
+decisions in flight are never called proved: it is *assumed* that the compiled check is sound
+(docs/proof-flight.md, "Decisions by tubes", condition 5). `certificate_entry` writes the claims
+about the module, and the constants of its check.
+Non-goals: showing the claims (`rest_claims.py`), checking a certificate (`certificate/tubes/`).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from soter.verify.claims.results import (
 )
 from soter.verify.deploy.missing_predicates import rest_claims
 from soter.verify.diagnosis.vacuity import tell_vacuity_in_row, vacuity_of_rest
-from soter.verify.diagnosis.variations import younger_reads_of_sc
+from soter.verify.diagnosis.variations import problem_with_younger_sc_reads
 from soter.verify.problem.problem import Assumption
 from soter.verify.proof_methods import figures_entry
 from soter.verify.tubes.noise_estimate import noise_estimate
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 def certificate_entry(
     result: TubeResult, system: str, stem: str, files: dict[str, bytes]
 ) -> dict[str, object]:
-    """The module's entry in the manifest of a certificate; it adds no files."""
+    """The module's entry in the manifest of a certificate; adds nothing to `files`."""
     del stem, files
     verdicts = {n: f.verdict for n, f in result.findings.items() if n not in UNCLAIMED}
     verdicts.pop("failsafe", None)  # none is declared: there is nothing to be claimed
@@ -59,7 +59,7 @@ def certificate_entry(
 
 
 def _entry_of_plan(result: TubeResult) -> dict[str, object]:
-    """The part of an entry about one plan, or about a module with one plan."""
+    """The part of an entry about one plan, or about the only one of a module."""
     problem = result.problem
     return {
         "plants": [c.name for c in problem.system.components if c.role == "plant"],
@@ -87,7 +87,7 @@ KEPT = (
 NEEDS = (
     " (by a linear estimate a tube that forgets nothing needs {share:.2g} times what it has of "
     "`{leaf}`: {on_time:.2g} if no command were late, {young:.2g} if no read were old; from its "
-    "corners SC wants {command:.2g} times its largest command)"
+    "corners SC wants {command:.2g} times its largest command, and all of it is back {soon})"
 )
 NOT_GIVEN = "at the start the check of the DM does not let AC have control"
 UNBOUNDED = (
@@ -107,9 +107,9 @@ MOVES = (
 
 
 class TubeResult(ModuleResult):
-    """The result for a module that decides by tubes: `claims` is what was shown offline.
+    """The result for a module that decides by tubes: `claims` are those shown offline.
 
-    `plans`: of a module with several plans the result of each; what is above is the first one's.
+    `plans`: for several plans the result of each; `check` and `claims` are those of the first.
     """
 
     problem: TubeProblem
@@ -119,13 +119,13 @@ class TubeResult(ModuleResult):
 
     @property
     def verdict(self) -> str:
-        """Never `proved`: the DM decides in flight, by a check that is tested."""
+        """The verdict, which is never `proved`, as the check in flight is tested, not proved."""
         inner = super().verdict
         return ASSUMED if inner == PROVED else inner
 
     @property
-    def whilst(self) -> str:
-        """The note beside the verdict that decisions are made in flight; "" where there is none."""
+    def verdict_note(self) -> str:
+        """The note beside the verdict that decisions are made in flight; "": none is needed."""
         return DECIDED if self.verdict == ASSUMED else ""
 
 
@@ -137,10 +137,10 @@ def verify_by_tubes(
     search: object = None,
     compiled: object = None,
 ) -> TubeResult:
-    """Verifies one module; `SoterError` R007 where the theorem or the check does not cover it.
+    """The result for one module; `SoterError` R007 where the theorem or check does not cover it.
 
     `refute` or `explain`: where rest is not shown, younger reads are tried. `search` and `compiled`
-    are there because every method takes them: no refuting run is looked for.
+    are unused parameters of every method: no refuting run is searched.
     """
     if problem.plans:
         results = [verify_by_tubes(p, refute=refute, explain=explain) for p in problem.plans]
@@ -159,7 +159,7 @@ def verify_by_tubes(
     why = claims.kept or claims.moves
     rest = Finding(UNDECIDED if why else PROVED, cpu, HOW, why or _kept_text(check, claims))
     if claims.answers:
-        rest.hint = _advise_sets(check) + ANSWERS
+        rest.hint = _advice_on_sets(check) + ANSWERS
     elif why:
         rest.hint = _advice_on_rest(check, claims, ask=bool(refute or explain))
     in_flight = IN_FLIGHT if problem.module.shield is None else IN_FLIGHT + JUDGED
@@ -191,7 +191,7 @@ def verify_by_tubes(
 
 
 def _joined_results(problem: TubeProblem, results: Sequence[TubeResult]) -> TubeResult:
-    """The result for several plans: each claim has to hold of all; `start` of the first alone."""
+    """The result for several plans: claims have to hold for all, `start` only for the first."""
     added = dict.fromkeys(a for r in results for a in r.assumptions)
     result = TubeResult(problem, {}, [], added=tuple(added))
     result.check, result.claims, result.plans = results[0].check, results[0].claims, tuple(results)
@@ -203,21 +203,21 @@ def _joined_results(problem: TubeProblem, results: Sequence[TubeResult]) -> Tube
     return result
 
 
-def _joined_finding(results: Sequence[TubeResult], of: str) -> Finding:
+def _joined_finding(results: Sequence[TubeResult], name: str) -> Finding:
     kept = all(r.findings["P2a"].verdict == PROVED for r in results)
-    every = results[:1] if of == "start" and kept else results
-    worst = max((r.findings[of].verdict for r in every), key=(PROVED, ASSUMED, UNDECIDED).index)
-    found = {r.problem.plan: r.findings[of] for r in every if r.findings[of].verdict == worst}
+    every = results[:1] if name == "start" and kept else results
+    worst = max((r.findings[name].verdict for r in every), key=(PROVED, ASSUMED, UNDECIDED).index)
+    found = {r.problem.plan: r.findings[name] for r in every if r.findings[name].verdict == worst}
     same = len(found) == len(every) > len({f.text for f in found.values()}) == 1
     first = next(iter(found.values()))
     text = first.text if same else "; ".join(f"{plan}: {f.text}" for plan, f in found.items())
-    seconds = sum(r.findings[of].seconds for r in every)
+    seconds = sum(r.findings[name].seconds for r in every)
     hint = next((f.hint for f in found.values() if f.hint), "")
     return Finding(worst, seconds, first.method, text, hint)
 
 
 def _advice_on_rest(check: TubeCheck, claims: RestClaims, *, ask: bool) -> str:
-    """Advice where rest is not shown; `ask`: younger reads are tried for it."""
+    """Advice for a rest that is not shown; `ask`: whether younger reads may be tried."""
     far = _unbounded_states(check, claims)
     unbounded = ", ".join(map(check.problem.leaf_of_state, far))
     asked = ask and not (far or claims.astray is not None)
@@ -232,21 +232,23 @@ def _advice_on_rest(check: TubeCheck, claims: RestClaims, *, ask: bool) -> str:
         return OPEN.format(left)
     if not claims.box:
         return ""
-    needs, late = "", "".join(f"{what}, " for what in _what_delays_sc(check, tried))
+    needs, late = "", "".join(f"{advice}, " for advice in _advice_on_delays(check, tried))
     if ask and (found := noise_estimate(check, claims.box)) is not None and found.share > 0.0:
-        needs = NEEDS.format(leaf=check.problem.leaf_of_state(found.worst), **found._asdict())
+        leaf = check.problem.leaf_of_state(found.worst)
+        soon = f"after {found.back} commands of SC" if found.back else "in none of those followed"
+        needs = NEEDS.format(leaf=leaf, soon=soon, **found._asdict())
     return KEPT.format(needs, late)
 
 
 def _doubt_in_words(problem: TubeProblem) -> str:
-    """The warning of `soter check` about `rest` (W022), with its help; "": there is none."""
+    """The warning W022 of `soter check` about `rest`, with its help; "" where there is none."""
     found = doubt_about_rest(problem.system, problem.module, unproved=True)
     return "" if found is None else f"{found[1]}, {found[2]}: {help_texts([found[3]])[0]}"
 
 
 def _younger_reads_in_words(problem: TubeProblem) -> str:
-    """The `age` that was tried, and whether rest is shown with it; "": there is none to try."""
-    changed = younger_reads_of_sc(problem)
+    """The smaller `age` tried, and whether rest is shown with it; "": there is none to try."""
+    changed = problem_with_younger_sc_reads(problem)
     if changed is None or not isinstance(changed[0], TubeProblem):
         return ""
     phase(f"{problem.name}: whether SC keeps where it rests with younger reads", anew=True)
@@ -255,8 +257,8 @@ def _younger_reads_in_words(problem: TubeProblem) -> str:
     return f"{changed[1]} (tried: {'rest is shown' if shown else 'not enough'})"
 
 
-def _what_delays_sc(check: TubeCheck, tried: str) -> Iterator[str]:
-    """Advice on what makes SC late: the age of its reads, its delay."""
+def _advice_on_delays(check: TubeCheck, tried: str) -> Iterator[str]:
+    """Advice on what makes SC late: old reads, and delays of its commands."""
     times = check.problem.times
     if tried or (check.read_by_law and times.age_sc > times.delta_sc):
         yield (
@@ -267,8 +269,8 @@ def _what_delays_sc(check: TubeCheck, tried: str) -> Iterator[str]:
         yield f"less delay (`acts within`, now {show_ns(times.acts)}; {late})"
 
 
-def _advise_sets(check: TubeCheck) -> str:
-    """Advice to write the sets that topics of SC's reads lack; "" where none is missing."""
+def _advice_on_sets(check: TubeCheck) -> str:
+    """Advice to declare sets for topics that SC reads; "" where none is missing."""
     far = [
         check.problem.leaf_of_state(s)
         for s in sorted(check.read_by_law)
@@ -279,9 +281,9 @@ def _advise_sets(check: TubeCheck) -> str:
 
 
 def _unbounded_states(check: TubeCheck, claims: RestClaims) -> list[int]:
-    """The states that `rest` does not bound though SC or a lost run reads them.
+    """The states that `rest` leaves unbounded though SC reads them or a run is lost there.
 
-    If there are none, those that `safe` needs and that were left out.
+    If there are none, the states that were left out of the box around rest.
     """
     unsaid = (check.read_by_law | {claims.astray}) - check.read_by_rest
     box = claims.box.items()
@@ -290,15 +292,15 @@ def _unbounded_states(check: TubeCheck, claims: RestClaims) -> list[int]:
 
 
 def _names_left_open(check: TubeCheck, claims: RestClaims) -> str:
-    """The names of states that rates read and that `rest` leaves as wide as their sets."""
+    """The names of the states that rates read and `rest` does not; joined by commas."""
     asked = check.read_by_rates - check.read_by_rest
     return ", ".join(check.problem.leaf_of_state(s) for s in claims.box if s in asked)
 
 
 def _far_assumptions(check: TubeCheck) -> list[Assumption]:
-    """The assumption that states without a set in their topic stay below `FARTHEST`, if any."""
-    own = [s for s in check.states if s not in check.problem.drifts]
-    far = {s for s in own if is_far(check.rooms[s])}
+    """The assumption that states without a set stay below `FARTHEST`, as a list of one or none."""
+    unmoved_states = [s for s in check.states if s not in check.problem.drifts]
+    far = {s for s in unmoved_states if is_far(check.rooms[s])}
     far |= {s for s in check.read_by_law if is_far(check.read_sets[s])}
     names = [check.problem.quantities.states[s].name for s in sorted(far)]
     who = "states whose topics have no sets, or larger ones,"
@@ -307,14 +309,14 @@ def _far_assumptions(check: TubeCheck) -> list[Assumption]:
 
 
 def _turns_assumptions(check: TubeCheck) -> list[Assumption]:
-    """The assumption about angles that need not come back, if any."""
+    """The assumption about angles that need not come back, as a list of one or none."""
     names = ", ".join(check.problem.quantities.states[s].name for s in check.turning)
     text = f"{names} stays within {FARTHEST_TURN:,.0f} rad of 0: it is read modulo a full turn"
     return [Assumption("turns", f"{text}, and need not come back")] if names else []
 
 
 def _kept_text(check: TubeCheck, claims: RestClaims) -> str:
-    """The text of the finding that rest is kept."""
+    """The text of the finding that SC keeps rest, with the ranges on the way."""
     names = check.problem.quantities.states
     kept = ((names[s].name, claims.ways[s]) for s in claims.box)
     ways = [f"{name} in [{r.low:.3g}, {r.high:.3g}]" for name, r in kept]
@@ -327,8 +329,8 @@ def _start_text(check: TubeCheck) -> str:
 
 
 def _finding_on_return(problem: TubeProblem) -> Finding:
-    """P2b, which is assumed: whether the check is good depends on estimates and maps in flight."""
-    stays = problem.module.symbol.stays
+    """The finding on P2b, assumed as it depends on the estimates and maps of the flight."""
+    stays = problem.module.symbol.stay_clause
     if stays:
         return Finding(ASSUMED, text=STAYS.format(stays))
     text = (

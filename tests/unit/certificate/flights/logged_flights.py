@@ -106,7 +106,7 @@ class Flight:
 class Standstill:
     """What stands for the tube: good is whatever is slower than 30 m/s."""
 
-    reads = ("sight.gap", "sight.way", "sight.v")
+    estimate_fields = ("sight.gap", "sight.way", "sight.v")
     judges_commands = False
 
     def why_not_good(self, estimate: Mapping[str, float]) -> str | None:

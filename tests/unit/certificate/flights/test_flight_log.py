@@ -9,7 +9,7 @@ import pytest
 from soter.certificate.extras import flight_check
 from soter.certificate.extras.flight_check import open_flights
 from soter.certificate.report import ACCEPTED, NOT_RECHECKED, REJECTED
-from soter.diagnostics.current_phase import telling_shares
+from soter.diagnostics.current_phase import whole_shares_to
 from soter.diagnostics.diagnostic import SoterError
 from soter.report import mcap_log
 from tables import all_rows
@@ -468,7 +468,7 @@ def test_the_share_that_is_done_is_that_of_verdicts(train: Path, tmp_path: Path)
     flights = open_flights(train, [str(Flight().write(tmp_path / "flight.mcap"))])
     assert flights is not None
     shares: list[float] = []
-    with telling_shares(shares.append):
+    with whole_shares_to(shares.append):
         list(flights.judge_logs(1))
     assert shares == [(k + 1) / 8 for k in range(8)]
 

@@ -102,7 +102,7 @@ def test_holds_carry_states_and_commands_of_every_run(age: int, jitter: int) -> 
         size = rng.choice((1e-5, 0.01))
         middle = [rng.uniform(-0.7, 0.7) for _ in range(3)]
         held = [rng.uniform(-1.0, 1.0) for _ in range(2)]
-        body = StateSet.of_box([(exact(m - size), exact(m + size)) for m in middle])
+        body = StateSet.from_box([(exact(m - size), exact(m + size)) for m in middle])
         if known := rng.random() < 0.7:  # what acted before is one command
             body.memory = [[exact(u), *[ZERO] * 3] for u in held * chain.depth]
             body.ranges = [(exact(u), exact(u)) for u in held * chain.depth]
@@ -188,7 +188,7 @@ def test_a_command_before_the_last_moves_what_it_feeds_at_once(age: int, earlier
     problem = read_rest_problem(flat_of(FED), "M")
     problem.facts.times["d_ns"] = age * 1_000_000
     chain = ModuleTube(problem, {}).chain
-    body = StateSet.of_box([(exact(x), exact(x)) for x in (-0.5, 0.0, 0.0)])
+    body = StateSet.from_box([(exact(x), exact(x)) for x in (-0.5, 0.0, 0.0)])
     acted = [1.0, 0.0] + [earlier, 0.0] * (chain.depth - 1)
     body.memory = [[exact(u), ZERO, ZERO, ZERO] for u in acted]
     body.ranges = [(exact(u), exact(u)) for u in acted]

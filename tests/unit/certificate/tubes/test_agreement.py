@@ -65,7 +65,7 @@ class Subject:
         states = [s.name for s in own.facts.states]
         self.arb = ModuleTube(own, {states.index(n): r for n, r in ways.items()})
         self.ranges = [problem.states[s] for s in check.states]
-        assert self.arb.reads == [problem.leaf_of_state(s) for s in check.states]
+        assert self.arb.estimate_fields == [problem.leaf_of_state(s) for s in check.states]
 
     def good(self, estimate: list[float]) -> bool:
         """What the check says."""
@@ -73,7 +73,10 @@ class Subject:
 
     def confirmed(self, estimate: list[float]) -> bool:
         """What the tube in Arb says."""
-        return self.arb.why_not_good(dict(zip(self.arb.reads, estimate, strict=True))) is None
+        return (
+            self.arb.why_not_good(dict(zip(self.arb.estimate_fields, estimate, strict=True)))
+            is None
+        )
 
     def drawn(self, draw: random.Random) -> list[float]:
         """An estimate, anywhere in the sets of its states."""

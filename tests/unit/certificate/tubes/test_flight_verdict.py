@@ -35,13 +35,13 @@ def follower(text: str) -> ModuleTube:
 def test_estimates_are_good_where_a_brake_is_early_enough() -> None:
     """From 36 m/s a train needs 18 m, and what it comes to until it brakes; 19 m are too few."""
     train = follower(FOLLOW.read_text(encoding="utf-8"))
-    assert train.reads == ["sight.gap", "sight.way", "sight.v"]
+    assert train.estimate_fields == ["sight.gap", "sight.way", "sight.v"]
     good = [(60.0, 0.0, 10.0), (23.2, 0.0, 36.0), (60.0, 376.0, 36.0), (9.0, 390.0, 0.0)]
     bad = [(22.0, 0.0, 36.0), (60.0, 379.0, 36.0), (-0.1, 0.0, 0.0), (60.0, 0.0, 39.95)]
     for estimates, expected in ((good, True), (bad, False)):
         for e in estimates:
             assert (
-                train.why_not_good(dict(zip(train.reads, e, strict=True))) is None
+                train.why_not_good(dict(zip(train.estimate_fields, e, strict=True))) is None
             ) == expected, e
     assert (
         train.why_not_good({"sight.gap": float("nan"), "sight.way": 0.0, "sight.v": 0.0})
@@ -62,7 +62,10 @@ def test_no_estimate_is_good_where_sc_does_not_end_at_rest(old: str, new: str) -
     text = FOLLOW.read_text(encoding="utf-8")
     assert text.count(old) == 1
     train = follower(text.replace(old, new))
-    assert train.why_not_good(dict(zip(train.reads, (4.0, 0.0, 5.0), strict=True))) is not None
+    assert (
+        train.why_not_good(dict(zip(train.estimate_fields, (4.0, 0.0, 5.0), strict=True)))
+        is not None
+    )
 
 
 @pytest.mark.parametrize(

@@ -66,7 +66,7 @@ def test_what_is_true_is_confirmed() -> None:
     for flat, made in (train(), train(PLAIN), held()):
         _, report = recheck_rest(flat, made)
         assert report.confirmed == ["P1a", "P1b", "P2a", "start"]
-        assert report.decided
+        assert report.lacks_flight_only
         assert report.missing == ["P3", "ttf", "safer"]
         assert "tubes" in {a.key for a in report.assumptions}
     assert all(made["times"][k] for _, made in [train()] for k in made["times"])
@@ -297,7 +297,7 @@ def test_a_rest_of_two_states_is_confirmed() -> None:
     flat = flat_of(LANE)
     ways = {"p.y": (-1.74, 1.74), "p.psi": (-0.2, 0.2)}
     _, report = recheck_rest(flat, entry(flat, AROUND, ways))
-    assert report.decided
+    assert report.lacks_flight_only
 
 
 def test_a_wider_box_needs_a_longer_drift() -> None:
@@ -320,7 +320,7 @@ def test_a_start_from_which_sc_does_not_come_to_rest_is_not_confirmed(name: str)
         recheck_rest(flat, made)
     made["claims"]["start"] = "undecided"
     _, report = recheck_rest(flat, made)
-    assert not report.decided
+    assert not report.lacks_flight_only
 
 
 TOPICS = "".join(f"topic {n}: float in [-40.0, 40.0] max_age 20ms;\n" for n in ("own", "two"))

@@ -53,7 +53,7 @@ def test_a_start_with_nothing_free_is_not_confirmed() -> None:
 def test_a_verdict_is_about_the_map_that_was_read() -> None:
     """One tube, asked with one map after another, and with the first one again."""
     tube = tube_of(BEFORE_A_WALL)
-    assert set(tube.reads) == set(estimate(0.0, 0.0, 0.0, 0.0))
+    assert set(tube.estimate_fields) == set(estimate(0.0, 0.0, 0.0, 0.0))
     for high, good in ((9.0, True), (3.2, False), (9.0, True), (6.0, True), (3.0, False)):
         assert (tube.why_not_good(estimate(2.0, 3.0, -5.0, high)) is None) == good, high
         assert not good or check_of(BEFORE_A_WALL).returns_true("good", [2.0, 3.0], [-5.0, high])

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from soter.diagnostics.diagnostic import Diagnostics, Source
 from soter.language.syntax import tree
 from soter.language.syntax.lexer import lex
-from soter.language.syntax.printer import WIDTH_MAX, format_source, print_expr
+from soter.language.syntax.printer import WIDTH_MAX, expression_text, format_source
 from tables import all_rows
 
 if TYPE_CHECKING:
@@ -187,7 +187,7 @@ def test_expressions_print_as_they_are_written(parsed: Parsed, text: str) -> Non
     (declaration,) = file.declarations
     assert isinstance(declaration, tree.ConstDecl)
     assert declaration.value is not None
-    assert print_expr(declaration.value) == text
+    assert expression_text(declaration.value) == text
 
 
 def test_needless_parentheses_are_not_printed(parsed: Parsed) -> None:
@@ -195,7 +195,7 @@ def test_needless_parentheses_are_not_printed(parsed: Parsed) -> None:
     (declaration,) = file.declarations
     assert isinstance(declaration, tree.ConstDecl)
     assert declaration.value is not None
-    assert print_expr(declaration.value) == "a * b + c"
+    assert expression_text(declaration.value) == "a * b + c"
 
 
 def test_an_expression_that_was_not_parsed_prints_as_dots(parsed: Parsed) -> None:
@@ -203,4 +203,4 @@ def test_an_expression_that_was_not_parsed_prints_as_dots(parsed: Parsed) -> Non
     (declaration,) = file.declarations
     assert isinstance(declaration, tree.ConstDecl)
     assert declaration.value is not None
-    assert print_expr(declaration.value) == "..."
+    assert expression_text(declaration.value) == "..."

@@ -82,7 +82,7 @@ STAGES = {
     "require_supported": ("soter.certificate.rechecker", "a grid"),
     "sc_chain": ("soter.certificate.grid.group_claims", "a grid"),
     "phase_steps": ("soter.certificate.grid.group_claims", "computed"),
-    "require_rates": ("soter.certificate.case_check", "a grid"),
+    "require_defined_rates": ("soter.certificate.case_check", "a grid"),
     "axes_seen_by_dm": ("soter.certificate.extras.estimates_and_shield", "computed"),
     "_require_affordable": ("soter.certificate.induction.check_claims", "an induction"),
     "_check_times": ("soter.certificate.induction.induction_problem", "an induction"),

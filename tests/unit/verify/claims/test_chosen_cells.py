@@ -20,7 +20,7 @@ from soter.verify.claims import choose_cells_and_levels as chooser
 from soter.verify.deploy import missing_predicates
 from soter.verify.grid import claims as grid_claims
 from soter.verify.grid import sets
-from soter.verify.grid.grid_refinement import cell_count, with_smaller_cells
+from soter.verify.grid.grid_refinement import cell_count, finer_problem
 from soter.verify.problem.extract import extract
 
 if TYPE_CHECKING:
@@ -138,11 +138,11 @@ def test_a_build_has_the_cells_of_the_certificate_and_refuses_others(
     assert "checked again" in robot.build("c", tmp_path / "a", cert=folder / "cert").inherits[0]
 
     def twice(problem: Problem, coarse: Collection[Group]) -> Problem:
-        once = with_smaller_cells(problem, coarse)
-        return with_smaller_cells(once, once.groups)
+        once = finer_problem(problem, coarse)
+        return finer_problem(once, once.groups)
 
     monkeypatch.setattr(missing_predicates, "_store_sets", lambda *_: None)
-    monkeypatch.setattr(chooser, "with_smaller_cells", twice)
+    monkeypatch.setattr(chooser, "finer_problem", twice)
     (tmp_path / "robot.soter").write_text(ROBOT)
     assert verified(tmp_path, CART).cells == 400
     monkeypatch.undo()

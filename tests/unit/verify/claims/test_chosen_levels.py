@@ -192,7 +192,7 @@ def test_fewer_are_chosen_just_where_they_show_more(
     problem: Any = levels_problem(is_open)
     of_levels = frozenset(OF_LEVELS)
     failing = {3: three, 2: two}
-    with patch.object(chooser, "_with_other_levels", lambda *_: None):
+    with patch.object(chooser, "_cases_with_other_levels", lambda *_: None):
         chosen = chooser.choose_cells_and_levels(
             problem, lambda p: [cases_that_fail(failing[p.levels])]
         )

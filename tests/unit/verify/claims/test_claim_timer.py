@@ -5,7 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
-from soter.diagnostics.current_phase import telling
+from soter.diagnostics.current_phase import shares_to
 from soter.verify.grid.case import STAGE, ClaimTimer
 from soter.verify.verify_module import CLAIMS, STAGES
 
@@ -13,7 +13,7 @@ from soter.verify.verify_module import CLAIMS, STAGES
 def test_a_claim_tells_where_it_begins_and_how_long_it_took() -> None:
     told: list[tuple[float, str]] = []
     case: Any = SimpleNamespace(problem=SimpleNamespace(name="M"), spent={})
-    with telling(lambda *x: told.append(x)):
+    with shares_to(lambda *x: told.append(x)):
         for claim in ("P2a", "P3", "start", "P2b"):
             with ClaimTimer(case, claim):
                 pass

@@ -51,6 +51,6 @@ def test_the_decided_side_decides(ttf: str) -> None:
     forms = CompiledEnclosures(library_of(problem)[0], problem, ())
     box = forms.whole.copy()
     box[0], box[1] = (0.5, 1.5), (3.0, 4.0)
-    assert forms.true("ttf", box)
+    assert forms.is_surely_true("ttf", box)
     box[1] = (-4.0, -3.0)
-    assert not forms.true("ttf", box)
+    assert not forms.is_surely_true("ttf", box)

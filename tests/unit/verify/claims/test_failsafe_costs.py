@@ -141,7 +141,9 @@ def cores(monkeypatch: pytest.MonkeyPatch) -> list[Core]:
     monkeypatch.setattr(GridGroup, "compute_core", remembered)
     monkeypatch.setattr("soter.verify.deploy.missing_predicates._cached_sets", lambda *_: None)
     # P2b, which looks for sets as well, has none here
-    monkeypatch.setattr("soter.verify.deploy.missing_predicates.with_way_back", lambda done: done)
+    monkeypatch.setattr(
+        "soter.verify.deploy.missing_predicates.cases_with_way_back", lambda done: done
+    )
     return found
 
 

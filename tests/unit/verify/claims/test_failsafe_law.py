@@ -328,7 +328,7 @@ def test_the_rechecker_confirms_the_law(proved: Path) -> None:
     assert recheck_report.accepted, recheck_report.reason
     assert "failsafe" in recheck_report.modules[0].confirmed
     assert recheck_report.safe
-    assert recheck_report.returns, "P2b is not asked of a module with `recover never`"
+    assert recheck_report.has_return, "P2b is not asked of a module with `recover never`"
     assert any("from the end of the lease on" in a for a in recheck_report.assumptions)
 
 

@@ -34,11 +34,11 @@ def reader(table: GroupTable) -> Callable[..., int]:
     """The level function of a table as a Python function of floats, by the evaluator."""
     w = Writer(SPAN)
     fun = level_function(w, "level", table)
-    evaluator = Evaluator.of(Scope({}, {}), {})
+    evaluator = Evaluator.for_scope(Scope({}, {}), {})
 
     def read(*values: float) -> int:
         literals = [t.Literal(FLOAT, SPAN, float(v)) for v in values]
-        entry = evaluator.expression(w.call(fun, *literals))(environment())
+        entry = evaluator.compiled(w.call_of(fun, *literals))(environment())
         assert isinstance(entry, int)
         return entry
 
@@ -117,7 +117,7 @@ def test_sets_that_are_too_large_would_be_noticed(
     open_cart: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv("SOTER_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr(levels_, "errors_of", lambda _: {})
+    monkeypatch.setattr(levels_, "errors_by_state", lambda _: {})
 
     def everything(case: Case) -> None:
         for part in case.sets.groups:

@@ -48,11 +48,13 @@ def test_what_is_emitted_for_the_cart_is_the_switching_logic(cart: System) -> No
 
 
 def test_only_facts_and_cells_are_said_to_be_all_there_are() -> None:
-    text = DMCheck("M", facts=64, states=4360, cells=8000).text
+    text = DMCheck("M", facts=64, states=4360, cells=8000).summary
     every, tried = text.split("; ")
     assert every.endswith("all 64 combinations of facts and all 8,000 cells")
     assert tried == "4,360 inputs tried"
-    assert DMCheck("M", facts=64, states=7).text.endswith("combinations of facts; 7 inputs tried")
+    assert DMCheck("M", facts=64, states=7).summary.endswith(
+        "combinations of facts; 7 inputs tried"
+    )
 
 
 def test_computed_predicates_are_checked_alike(open_cart: Path) -> None:

@@ -51,6 +51,6 @@ def test_an_invariant_that_fails_in_a_trial_is_a_defect(monkeypatch: pytest.Monk
 
     monkeypatch.setattr(choose_cells_and_levels, "SIZES", ())
     monkeypatch.setattr("soter.verify.diagnosis.tried_remedies.worst_vacuity", broken)
-    monkeypatch.setattr("soter.verify.diagnosis.tried_remedies.with_merged_cells", broken)
+    monkeypatch.setattr("soter.verify.diagnosis.tried_remedies.coarser_problem", broken)
     with pytest.raises(AssertionError, match="an invariant"):
         explained(changed(("/ 320", "/ 4")))

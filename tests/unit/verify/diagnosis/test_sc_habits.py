@@ -76,7 +76,7 @@ def test_what_was_in_vain_alone_is_not_told_as_untried(monkeypatch: pytest.Monke
     class Trials:
         calls = 0
 
-        def failing(self, tried: Problem) -> tuple[str, ...] | None:
+        def failing_claims(self, tried: Problem) -> tuple[str, ...] | None:
             self.calls += 1
             return answers[id(tried)] if self.calls <= 2 else None
 
@@ -92,11 +92,11 @@ def test_what_was_in_vain_alone_is_not_told_as_untried(monkeypatch: pytest.Monke
             *([Remedy("B", ages, 1)] if found.problem is problem else []),
         ],
     )
-    monkeypatch.setattr(tried_remedies, "with_merged_cells", lambda tried, _: tried)
+    monkeypatch.setattr(tried_remedies, "coarser_problem", lambda tried, _: tried)
     helped = tried_remedies._KeptChanges(NotProved(problem, ("ttf", "safer"), (), None))
     while helped.try_one_more(trials):  # type: ignore[arg-type]
         pass
-    assert helped.said == ["B"]
+    assert helped.advice == ["B"]
     assert (list(helped.in_vain), list(helped.untried)) == (["A"], [])
 
 

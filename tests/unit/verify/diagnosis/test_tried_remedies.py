@@ -16,7 +16,7 @@ from soter.verify.claims.results import ProofSearch, Try
 from soter.verify.diagnosis import open_claims, tried_remedies, variations
 from soter.verify.diagnosis.tried_remedies import ordered_trials
 from soter.verify.diagnosis.variations import NotProved, grid_lines_of, remedies
-from soter.verify.grid.grid_refinement import cell_count, with_smaller_cells
+from soter.verify.grid.grid_refinement import cell_count, finer_problem
 from unit.verify.diagnosis.tank_modules import TANK, cause, changed, explained, kinds
 from unit.verify.problem.test_left_out_states import LANE
 
@@ -196,8 +196,8 @@ def test_what_has_few_cells_is_tried_first(monkeypatch: pytest.MonkeyPatch) -> N
         trials = ordered_trials(remedies(NotProved(result.problem, failing, [], leaving)))
         seen[failing] = [(change.cost, cell_count(problem)) for change, problem in trials]
         assert seen[failing] == sorted(seen[failing])
-        last = {change.said: problem for change, problem in trials}
-        assert all(last[change.said] is change.problem for change, _ in trials)
+        last = {change.advice: problem for change, problem in trials}
+        assert all(last[change.advice] is change.problem for change, _ in trials)
     assert seen["P2a", "ttf"][-1][0] == variations.OTHERS
     assert len({cells for _, cells in seen["ttf",]}) > 2
 
@@ -216,7 +216,7 @@ def test_an_end_that_stays_is_written_as_the_program_writes_it() -> None:
     named = ("soter 1;", "soter 1;\nconst FULL: float = 1.8000000000000003;")
     result = explained(changed(named, ("[0.2, 1.8]", "[0.2, FULL]"), OLD))
     assert grid_lines_of(result.problem) == "grid t.h in [0.2, FULL] / 320;"
-    longer = variations.with_ends(result.problem, {0: (0.1, 1.8000000000000003)})
+    longer = variations.problem_with_ends(result.problem, {0: (0.1, 1.8000000000000003)})
     assert grid_lines_of(longer) == "grid t.h in [0.1, FULL] / 340;"
 
 
@@ -239,9 +239,11 @@ def test_an_axis_that_nothing_reads_is_opened_where_runs_leave() -> None:
 
 def test_changes_that_were_made_before_stay_in_a_problem_that_is_read_again() -> None:
     result = explained(CART)
-    finer = with_smaller_cells(result.problem, result.problem.groups)
-    assert variations.younger_reads(finer) is None  # 20 ms are two periods of the plant
-    again = variations.with_controllers_exchanged(finer)
+    finer = finer_problem(result.problem, result.problem.groups)
+    assert (
+        variations.problem_with_younger_reads(finer) is None
+    )  # 20 ms are two periods of the plant
+    again = variations.problem_with_exchanged_controllers(finer)
     assert again is not None
     assert again.groups == finer.groups
     assert cell_count(again) == 4 * 400 * 240
@@ -301,7 +303,7 @@ def test_a_module_with_a_shield_is_read_again_without_what_that_permitted(tmp_pa
     shield = problem.module.shield
     assert shield is not None
     shield.held = shield.permits = problem.module.symbol.safe  # as its compiled DM has it
-    read_again = variations.younger_reads(problem)
+    read_again = variations.problem_with_younger_reads(problem)
     assert read_again is not None
     again = read_again[0].module.shield
     assert again is not None

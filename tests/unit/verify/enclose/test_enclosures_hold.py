@@ -72,12 +72,12 @@ def functions(
         if fun.body is None or fun.span.source.name.startswith("<prelude>"):
             continue
         if sum(leaf_count(p.type) for p in fun.parameters) <= INPUTS:
-            lowered = table.require(fun, params)
+            lowered = table.lowered_function(fun, params)
 
             def made(name: str, table: FunctionTable = table, lowered: Any = lowered) -> Enclosure:
                 return enclosure(name, table.by_name, lowered, statics)
 
-            yield fun, evaluator.function(fun), made
+            yield fun, evaluator.closure_of(fun), made
 
 
 def box(rng: random.Random, t: Type) -> tuple[float, float]:
@@ -127,7 +127,7 @@ def missed(compiled: Compiled, s: Subject, rng: random.Random, tally: dict[str, 
     """What an enclosure got wrong on one box."""
     boxes = [box(rng, t) for t in s.enclosure.parameters]
     forms = compiled.inputs(boxes)
-    out, fault = compiled.call(s.enclosure, forms)
+    out, fault = compiled.result_of(s.enclosure, forms)
     wrong = []
     for _ in range(POINTS):
         at = [point(rng, t, *b) for t, b in zip(s.enclosure.parameters, boxes, strict=True)]

@@ -15,9 +15,9 @@ from soter.verify.enclose.enclosure_emitter import (
     FloatRange,
     Form,
     Op,
-    compared,
-    span_binary,
-    span_unary,
+    comparison_of_ranges,
+    range_of_binary,
+    range_of_unary,
 )
 
 COUNT = 400
@@ -49,7 +49,7 @@ def inside(s: FloatRange) -> tuple[float, float, float]:
 def test_operations_on_constants_round_outward(op: str) -> None:
     settled = 0
     for a, b in zip(spans("left" + op), spans("right" + op), strict=True):
-        got = span_binary(op, a, b)
+        got = range_of_binary(op, a, b)
         if got is None:
             continue
         settled += 1
@@ -63,7 +63,7 @@ def test_operations_on_constants_round_outward(op: str) -> None:
 
 def test_roots_of_constants_round_outward() -> None:
     for a in spans("roots"):
-        got = span_unary("sqrt", a)
+        got = range_of_unary("sqrt", a)
         if a.low < 0.0:
             assert got is None
             continue
@@ -77,7 +77,7 @@ def test_comparisons_of_constants_decide_only_what_is_certain() -> None:
     decided = 0
     for a, b in zip(spans("one"), spans("other"), strict=True):
         for op in ("<", "<=", ">", ">=", "==", "!="):
-            got = compared(op, (a.low, a.high), (b.low, b.high))
+            got = comparison_of_ranges(op, (a.low, a.high), (b.low, b.high))
             seen = set()
             for x in inside(a):
                 for y in inside(b):
@@ -98,7 +98,7 @@ def test_a_constant_that_is_a_range_stays_one() -> None:
     ops = EnclosureOperations(emitter)
     x = Form(c.Name("x"))
     ops.binary("-", x, FloatRange(1.0, 3.0))
-    ops.extreme("max", x, FloatRange(1.0, 3.0))
+    ops.min_or_max("max", x, FloatRange(1.0, 3.0))
     shift, most = emitter.block
     assert isinstance(shift, Op)
     assert isinstance(most, Op)

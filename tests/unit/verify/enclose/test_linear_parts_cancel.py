@@ -87,12 +87,12 @@ def test_predictor_coordinates_come_back(function: str, coordinate: str, tmp_pat
     system = system_of(check_file("predictor.soter", PROGRAM), None)
     table = FunctionTable(system)
     statics: Statics = {}
-    lowered = table.require(system.program.funs[function], {})
+    lowered = table.lowered_function(system.program.funs[function], {})
     made = enclosure("soter_f0", table.by_name, lowered, statics)
     compiled = Compiled([made], statics, tmp_path)
     forms = compiled.inputs([(0.0, 0.0)] * INPUTS)
     fill(forms, inverse())
-    out, fault = compiled.call(made, forms)
+    out, fault = compiled.result_of(made, forms)
     assert fault == 0
     x = out[0]
     wanted = [WIDTH if c == coordinate else 0.0 for c in COORDINATES]

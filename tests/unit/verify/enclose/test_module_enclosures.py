@@ -178,7 +178,7 @@ class Reference:
             {node.locals[0]: kept}, topics=self.topics(at, gear, estimated=True),
             period_ns=self.sc.period_ns,
         )  # fmt: skip
-        Evaluator.of(self.sc.scope).block(node.step)(env)
+        Evaluator.for_scope(self.sc.scope).compiled_block(node.step)(env)
         value = env.published.get(self.force)
         return None if value is None else [float(x) for x in value]
 
@@ -192,18 +192,18 @@ class Reference:
             {x: at[0], v: at[1], gear_state: gear, wind: at[4]},
             topics=self.topics(at, gear, estimated=False), period_ns=self.plant.period_ns,
         )  # fmt: skip
-        evaluator = Evaluator.of(self.plant.scope)
+        evaluator = Evaluator.for_scope(self.plant.scope)
         for variable, value in plant.lets:
-            env.variables[variable] = evaluator.expression(value)(env)
+            env.variables[variable] = evaluator.compiled(value)(env)
         table = plant.der or plant.next
-        return [evaluator.expression(table[s])(env) for s in (x, v)]
+        return [evaluator.compiled(table[s])(env) for s in (x, v)]
 
     def predicate(self, name: str, at: list[float], gear: int) -> bool:
         """`safe` on the true topics, the others on estimates."""
         module = self.system.modules[0]
         e = getattr(module.symbol, name)
         env = Environment(topics=self.topics(at, gear, estimated=name != "safe"))
-        return bool(Evaluator.of(module.scope).expression(e)(env))
+        return bool(Evaluator.for_scope(module.scope).compiled(e)(env))
 
 
 def boxes(rng: random.Random, ranges: list[tuple[float, float]]) -> list[tuple[float, float]]:

@@ -54,7 +54,7 @@ def test_what_is_enclosed_holds_where_a_nan_is_compared(ttf: str, safer: str) ->
     module = flat.modules[0]
     problem = extract(flat, module)
     forms = CompiledEnclosures(library_of(problem)[0], problem, ())
-    evaluator = PredicateEvaluator.of(module.scope)
+    evaluator = PredicateEvaluator.for_scope(module.scope)
     draw = random.Random(0)  # noqa: S311 - boxes to try, always the same
     y = module.scope.topics[next(iter(module.scope.topics))]
     assert flat.topics[y].name == "y"
@@ -64,7 +64,7 @@ def test_what_is_enclosed_holds_where_a_nan_is_compared(ttf: str, safer: str) ->
         ("safer", module.symbol.safer, False),
     ):
         assert predicate is not None
-        holds = evaluator.expression(predicate)
+        holds = evaluator.compiled(predicate)
         for _ in range(200):
             box = forms.whole.copy()
             for k in (0, 1):

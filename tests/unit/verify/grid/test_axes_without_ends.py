@@ -38,7 +38,7 @@ def problem_of(text: str) -> Problem:
 
 def engine_of(text: str) -> tuple[GridGroup, Problem]:
     problem = problem_of(text)
-    return GridGroup.of(library_of(problem)[0], problem, problem.groups[0]), problem
+    return GridGroup.for_group(library_of(problem)[0], problem, problem.groups[0]), problem
 
 
 @pytest.fixture(scope="module")

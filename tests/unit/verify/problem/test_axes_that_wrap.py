@@ -25,7 +25,7 @@ from soter.verify.enclose.enclosed_operations import FAR_TURNS, FARTHEST
 from soter.verify.grid.grid_refinement import cells_around_box
 from soter.verify.grid.sets import GridGroup
 from soter.verify.problem.extract import extract
-from soter.verify.problem.inputs import errors_of
+from soter.verify.problem.inputs import errors_by_state
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -46,7 +46,7 @@ def problem_of(text: str) -> Problem:
 def sets_of(text: str) -> tuple[GridGroup, Problem, NDArray[np.bool_]]:
     """The engine, the problem, and K."""
     problem = problem_of(text)
-    engine = GridGroup.of(library_of(problem)[0], problem, problem.groups[0])
+    engine = GridGroup.for_group(library_of(problem)[0], problem, problem.groups[0])
     return engine, problem, engine.compute_core(engine.compute_constraint()).cells
 
 
@@ -165,8 +165,8 @@ def test_a_state_that_is_a_place_does_not_wrap_though_its_axis_is_as_long() -> N
 
 def test_errors_reach_across_the_seam() -> None:
     problem = problem_of(MOVES.text(16))
-    engine = GridGroup.of(library_of(problem)[0], problem, problem.groups[0])
-    assert errors_of(problem)[1] >= MOVES.numbers["error"] + FAR_TURNS
+    engine = GridGroup.for_group(library_of(problem)[0], problem, problem.groups[0])
+    assert errors_by_state(problem)[1] >= MOVES.numbers["error"] + FAR_TURNS
     chance, width = np.random.default_rng(2), TURN / 16
     for off in (1e-6, 0.3 * width, 1.2 * width, 9.0 * width):
         cells = chance.random(engine.shape) < 0.8
@@ -184,7 +184,7 @@ def test_the_decision_module_finds_the_cell_of_an_estimate_any_number_of_turns_a
     chance = np.random.default_rng(1)
     edges = (*(low + (high - low) * k / 24 for k in range(24)), high)
     w = Writer(Span(Source("table.soter", "x"), 0, 1))
-    place = Evaluator({}).function(place_function(w, "place", edges, wraps=True))
+    place = Evaluator({}).closure_of(place_function(w, "place", edges, wraps=True))
     far = chance.uniform(-FARTHEST, FARTHEST, size=400)
     seams = np.array(
         [low + TURN * k + d for k in range(-2600, 2601, 400) for d in (-1e-12, 0, 1e-12)]

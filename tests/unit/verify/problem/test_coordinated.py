@@ -308,7 +308,7 @@ def test_a_prover_that_thinks_it_knows_the_mode_is_found_out(
 ) -> None:
     for cached in (verification_system._module_with_topics, verification_system._node_with_topics):
         cached.cache_clear()
-    monkeypatch.setattr(verification_system, "_with_topics_for_reads", _only_sc)
+    monkeypatch.setattr(verification_system, "_code_with_topics_for_reads", _only_sc)
     module_result = of_x(tmp_path, *changes)
     for cached in (verification_system._module_with_topics, verification_system._node_with_topics):
         cached.cache_clear()

@@ -126,7 +126,7 @@ def test_an_interruption_tells_what_was_tried(monkeypatch: pytest.MonkeyPatch) -
         raise KeyboardInterrupt
 
     wrong = HOPPER.replace("0.5 * (0.4 - apex)", "0.5 * (apex - 0.4)")
-    monkeypatch.setattr("soter.verify.search.proof_search._rank", stopped)
+    monkeypatch.setattr("soter.verify.search.proof_search._rank_of_result", stopped)
     with pytest.raises(KeyboardInterrupt) as raised:
         _loaded(wrong).verify(refute=False, explain=False)
     (line,) = vars(raised.value)["__notes__"]

@@ -9,7 +9,7 @@ import pytest
 
 import soter
 from soter.cli.main import main
-from soter.verify.synthesized_sc import CellCommands, law_table
+from soter.verify.synthesized_sc import CellCommands, block_law
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -194,7 +194,7 @@ def test_entries_that_a_strict_cell_can_see_agree_on_what_serves_it() -> None:
     free = np.ones_like(core)
     free[10:30, 17] = False  # a stripe where only command 1 keeps K
     admits = np.stack([free, core])
-    table = law_table(
+    table = block_law(
         CellCommands(core, admits, free), (0.0, 0.0), (1.0, 1.0), lambda u, p: p - 1.0 + 0.0 * u, 4
     )
     assert table.entries.shape == (10, 10)
@@ -209,7 +209,7 @@ def test_outside_the_core_the_nearest_entry_is_repeated() -> None:
     core = np.zeros((12, 8), dtype=bool)
     core[4:8] = True
     admits = np.stack([np.zeros_like(core), core])
-    table = law_table(
+    table = block_law(
         CellCommands(core, admits, np.zeros_like(core)), (0.0, 0.0), (1.0, 1.0), lambda _, p: p, 4
     )
     assert (table.entries == 1).all()

@@ -18,7 +18,11 @@ from soter.language.front_end import check_file, system_to_prove
 from soter.verify.problem.extract import extract
 from soter.verify.tubes import tube_check
 from soter.verify.tubes.expression_graph import Expressions, NoExpressionError
-from soter.verify.tubes.generated_functions import Caller, fun_text, sure_text
+from soter.verify.tubes.generated_functions import (
+    Caller,
+    fun_text,
+    sure_text,
+)
 from soter.verify.tubes.module_expressions import ModuleExpressions
 from soter.verify.tubes.problem import TubeProblem, TubeTimes
 from soter.verify.tubes.sc_step import ScStep
@@ -61,19 +65,19 @@ def law_of(answer: str) -> str:
 
 def test_constants_are_folded_only_where_that_is_exact() -> None:
     make = Expressions()
-    x, tenth, fifth = make.input("x", 0), make.number(0.1), make.number(0.2)
-    assert make.add(make.number(0.5), make.number(0.25)) is make.number(0.75)
-    assert make.mul(make.number(0.5), make.number(0.25)) is make.number(0.125)
+    x, tenth, fifth = make.input("x", 0), make.constant(0.1), make.constant(0.2)
+    assert make.add(make.constant(0.5), make.constant(0.25)) is make.constant(0.75)
+    assert make.mul(make.constant(0.5), make.constant(0.25)) is make.constant(0.125)
     assert make.add(tenth, fifth).op == "add"
     assert make.mul(tenth, fifth).op == "mul"
-    slope = make.along(make.mul(make.mul(x, tenth), fifth), {x: make.number(1.0)}, {})
+    slope = make.slope_along(make.mul(make.mul(x, tenth), fifth), {x: make.constant(1.0)}, {})
     assert "let t0 = f_number(0.2);\n  let t1 = f_times(t0, 0.1);" in printed(slope)
 
 
 def test_a_number_that_forms_do_not_compute_with_is_refused() -> None:
     for wild in (1e300, -1e308, float("inf"), float("nan")):
         with pytest.raises(NoExpressionError):
-            Expressions().number(wild)
+            Expressions().constant(wild)
 
 
 @pytest.mark.parametrize(
@@ -90,9 +94,11 @@ def test_limits_that_cross_give_the_last_one(
     inner: str, k: float, outer: str, v: float, is_clamp: bool
 ) -> None:
     make = Expressions()
-    e = make.extreme(outer, make.extreme(inner, make.input("x", 0), make.number(k)), make.number(v))
+    e = make.extreme(
+        outer, make.extreme(inner, make.input("x", 0), make.constant(k)), make.constant(v)
+    )
     assert (e.op == outer) is is_clamp
-    assert is_clamp or e is make.number(v)
+    assert is_clamp or e is make.constant(v)
 
 
 def test_what_compares_a_number_with_itself_is_known() -> None:
@@ -237,7 +243,7 @@ def test_conditions_that_are_met_again_are_written_once_and_mean_the_same() -> N
     rng = random.Random(5)  # noqa: S311 - drawn conditions
     for _ in range(20):
         make = Expressions()
-        above = [make.compare(">", make.input("x", k), make.number(0.0)) for k in range(6)]
+        above = [make.compare(">", make.input("x", k), make.constant(0.0)) for k in range(6)]
         said = above[0]
         ops: list[str] = []
         for k in range(1, 6):
@@ -245,7 +251,9 @@ def test_conditions_that_are_met_again_are_written_once_and_mean_the_same() -> N
             other = above[k]
             if op == "same":
                 both = make.join("and", said, other)
-                said = make.join("or", both, make.join("and", make.not_(said), make.not_(other)))
+                said = make.join(
+                    "or", both, make.join("and", make.negation(said), make.negation(other))
+                )
             else:
                 said = make.join(op, said, other)
         inputs = {("x", k): f"x.at[{k}]" for k in range(6)}
@@ -270,9 +278,9 @@ def test_many_obstacles_in_a_loop_are_a_text_of_their_number() -> None:
         make = Expressions()
         free = make.true
         for k in range(count):
-            clear = make.compare(">", make.input("x", k), make.number(0.0))
+            clear = make.compare(">", make.input("x", k), make.constant(0.0))
             free = make.join(
-                "or", make.join("and", free, clear), make.join("and", make.not_(free), clear)
+                "or", make.join("and", free, clear), make.join("and", make.negation(free), clear)
             )
         text = sure_text("f", "x: Point", free, {("x", k): f"x[{k}]" for k in range(count)})
         lengths.append(len(text))

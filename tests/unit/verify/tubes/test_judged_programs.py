@@ -74,7 +74,7 @@ def test_times_of_a_judged_command(within: str, any_for: int, acted: int) -> Non
     """W is H* less A, Delta and L_min; a command counts for A, L and a period of SC."""
     check = check_of(changed(JUDGED, ("within 5s;\n", f"within 5s;\n  verify {{ {within} }}\n")))
     assert check.times.any_command == any_for * 1_000_000
-    assert check.problem.times.acted == acted * 1_000_000
+    assert check.problem.times.replaced_window == acted * 1_000_000
 
 
 def test_a_shield_of_what_may_be_of_any_age_is_refused(tmp_path: Path) -> None:

@@ -12,8 +12,10 @@ import pytest
 from soter.language.front_end import check_file, system_of
 from soter.verify.problem.extract import extract
 from soter.verify.problem.problem import Interval
-from soter.verify.tubes import leading_back
-from soter.verify.tubes.noise_estimate import NoiseEstimate, noise_estimate
+from soter.verify.search.hint_text import Hints
+from soter.verify.search.rest_hints import hints_with_box
+from soter.verify.tubes import simulated_runs
+from soter.verify.tubes.noise_estimate import NoiseEstimate, boxes_back_soon, noise_estimate
 from soter.verify.tubes.problem import TubeProblem
 from soter.verify.tubes.tube_check import TubeCheck
 from unit.verify.tubes.test_rest_claims import HELD, NOT_KEPT, verified
@@ -92,7 +94,7 @@ def test_an_operation_that_is_not_simulated_leaves_no_estimate(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     check = check_of(HELD)
-    monkeypatch.delitem(leading_back.OPERATIONS, "mul")
+    monkeypatch.delitem(simulated_runs.OPERATIONS, "mul")
     assert noise_estimate(check, {check.states[0]: Interval(-0.3, 0.3)}) is None
 
 
@@ -107,4 +109,55 @@ def test_a_past_that_nothing_bounds_is_told(tmp_path: Path) -> None:
     text = text.replace("abs(seen) < 0.3", "abs(seen) < 0.3 && abs(acted) < 1.0")
     assert (
         "nothing bounds how states moved in the " in verified(tmp_path, text).findings["P2a"].text
+    )
+
+
+def with_rest(condition: str) -> str:
+    return HELD.replace("abs(seen) < 0.3", condition)
+
+
+def test_boxes_that_are_back_soon_are_back_by_the_estimate_and_the_first_is_the_largest() -> None:
+    check = check_of(HELD)
+    boxes = list(boxes_back_soon(check, {check.states[0]: Interval(-0.3, 0.3)}))
+    sides = [box[check.states[0]].high for box in boxes]
+    assert len(boxes) > 1
+    assert sides == sorted(sides, reverse=True)
+    for box in boxes:
+        found = noise_estimate(check, box)
+        assert found is not None
+        assert 0 < found.back <= 32
+        assert found.command <= 1.0
+
+
+def test_a_box_below_noise_is_never_back() -> None:
+    check = check_of(HELD)
+    found = noise_estimate(check, {check.states[0]: Interval(-0.03, 0.03)})
+    assert found is not None
+    assert found.share > 1.0
+    assert found.back == 0
+
+
+def test_no_box_is_proposed_where_sc_pushes_the_wrong_way_or_a_state_has_no_range() -> None:
+    wrong = check_of(HELD.replace(*NOT_KEPT["SC pushes the wrong way"]))
+    assert not list(boxes_back_soon(wrong, {wrong.states[0]: Interval(-0.3, 0.3)}))
+    assert not list(boxes_back_soon(check_of(HELD), {}))
+
+
+def test_the_other_box_is_shown_once_it_is_written(tmp_path: Path) -> None:
+    """The declared rest is smaller than noise; the tube shows a box that the estimate proposes."""
+    small: Any = verified(tmp_path, with_rest("abs(seen) < 0.03"))
+    (ends,) = small.claims.other.values()
+    assert small.findings["P2a"].verdict == "undecided"
+    assert f"{ends.high:.4g}] it is shown to lead" in small.findings["P2a"].text
+    wide: Any = verified(tmp_path, with_rest(f"abs(seen) < {ends.high}"))
+    assert wide.findings["P2a"].verdict == "proved"
+    assert not wide.claims.other
+
+
+def test_the_search_writes_the_other_box_into_the_program() -> None:
+    hints = Hints(clauses=("rest abs(seen) < 0.03 within 2s;", "shield;"), longer="")
+    other = hints_with_box(hints, {"seen": Interval(-0.1, 0.1), "a.b": Interval(0.5, 1.0)})
+    assert other.clauses == (
+        "rest abs(seen) < 0.1 && a.b > 0.5 && a.b < 1.0 within 2s;",
+        "shield;",
     )

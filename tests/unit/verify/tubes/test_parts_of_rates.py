@@ -63,7 +63,7 @@ def good(check: TubeCheck, *estimate: float) -> bool:
 
 def test_a_limit_whose_ends_come_out_the_wrong_way_round_is_its_last_end() -> None:
     check = check_of("min(max(s1 + w, 2.0 + w), 1.0 + w)")
-    assert check._still[1] is check.make.number(1.0)
+    assert check._still[1] is check.make.constant(1.0)
     text = check.text_in_flight(dict.fromkeys(check.states, Interval(-1.0, 1.0)))
     caller = Caller(text)
     for ends in ((-3.0, -2.0), (-3.0, 3.0), (1.2, 1.8), (3.0, 4.0)):
@@ -121,9 +121,9 @@ def test_a_divisor_that_may_be_zero_as_far_as_is_seen_is_refused(rate: str) -> N
 
 def test_what_a_machine_may_round_to_zero_is_not_known_to_be_above_it() -> None:
     make = check_of("w - s1").make
-    x, zero = make.input("x", 0), make.number(0.0)
-    assert make.compare(">", make.add(make.mul(x, x), make.number(0.1)), zero) is make.true
-    for small in (make.function("exp", x), make.mul(x, x), make.function("abs", x)):
+    x, zero = make.input("x", 0), make.constant(0.0)
+    assert make.compare(">", make.add(make.mul(x, x), make.constant(0.1)), zero) is make.true
+    for small in (make.function_node("exp", x), make.mul(x, x), make.function_node("abs", x)):
         assert make.compare(">", small, zero).op == "positive"
 
 
@@ -173,7 +173,7 @@ def test_steps_over_a_branch_hold_every_run(rate: str) -> None:
     caller = Caller(check.text_in_flight(dict.fromkeys(check.states, Interval(-1.0, 1.0))))
     rng = random.Random(rate)  # noqa: S311 - drawn examples
     crossed = 0
-    symbols, moves = (check._whole_constants()[name] for name in ("SYMBOLS", "MOVES"))
+    symbols, moves = (check._whole_number_constants()[name] for name in ("SYMBOLS", "MOVES"))
     for _ in range(40):
         middle = [rng.uniform(-0.7, 0.7) for _ in range(2)]
         wide = rng.choice((0.0, 0.02, 0.2))
@@ -235,7 +235,7 @@ def test_what_a_bend_of_one_sign_adds_to_a_read_is_in_the_answer(
     check = check_of("s0", law="clamp(-0.1 * pose.s1, -2.0, 2.0)")
     check.times = TubeTimes(0, 0, 0, delay * MS, 5 * MS, 50 * MS, 9)
     caller = Caller(check.text_in_flight(dict.fromkeys(check.states, Interval(-1.0, 1.0))))
-    sizes = check._whole_constants()
+    sizes = check._whole_number_constants()
     none = (0.0,) * sizes["SYMBOLS"]
     s0, s1 = 0.3, -0.2
     states = [(s, 0.0, s, s, none) for s in (s0, s1)]

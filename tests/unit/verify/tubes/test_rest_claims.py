@@ -96,7 +96,7 @@ def test_the_time_that_is_named_where_within_is_too_long_is_followed(
     assert named is not None
     m: Any = verified(tmp_path, text.replace("within 5s", named[1]))
     assert m.verdict == "assumed"
-    assert "good" in TubeLevels.of(m.check, m.claims.ways, None).functions_by_name
+    assert "good" in TubeLevels.of_check(m.check, m.claims.ways, None).functions_by_name
 
 
 def test_reads_that_are_many_periods_old_are_named_where_they_make_it_long(tmp_path: Path) -> None:

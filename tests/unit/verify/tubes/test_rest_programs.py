@@ -187,7 +187,7 @@ def test_ac_may_act_until_a_command_of_sc_acts_at_the_soonest(
     flat = system_to_prove(check_file(str(path)), "Line")
     problem = extract(flat, flat.modules[0])
     assert isinstance(problem, TubeProblem)
-    assert TubeTimes.of(problem).earliest == alpha * 1_000_000
+    assert TubeTimes.of_problem(problem).earliest == alpha * 1_000_000
 
 
 LOST = """soter 1;

@@ -37,7 +37,7 @@ MODULE = "  module Park;\n"
 def function(name: str) -> Callable[..., Any]:
     checked = check_file(str(EXAMPLE))
     assert checked.program is not None
-    made = Evaluator({}).function(checked.program.funs[name])
+    made = Evaluator({}).closure_of(checked.program.funs[name])
     return lambda *given: made(Environment(), given)
 
 

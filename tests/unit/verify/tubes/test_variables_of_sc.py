@@ -102,7 +102,7 @@ def test_a_range_that_a_step_leaves_is_not_believed(
     def halved(_: Interval, after: Interval) -> Interval:
         return Interval(0.5 * after.low, 0.5 * after.high)
 
-    monkeypatch.setattr(sc_step, "_narrowed", halved)
+    monkeypatch.setattr(sc_step, "_narrowed_range", halved)
     m = verified(tmp_path, keeping(*KEPT["an integral"]))
     assert m.findings["P2a"].verdict == "undecided"
     assert m.findings["P2a"].text.startswith("on something in the sets of what it reads")

@@ -14,7 +14,7 @@ from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from soter.diagnostics.fixes import insert
-from soter.language.check.dots_and_brackets import find_instance, flat_names
+from soter.language.check.dots_and_brackets import find_instance, names_of_chain
 from soter.language.check.expression_base import CheckerPart
 from soter.language.model import typed
 from soter.language.model.types import INT
@@ -53,7 +53,7 @@ class Unroller:
     ) -> None:
         self.shared = shared
         self.scope = scope
-        self.what = subject
+        self.subject = subject
         self.instances = {} if instances is None else instances
         self._left = ITEMS_MAX
         self._arrays: dict[int, dict[str, int]] = {}
@@ -73,12 +73,12 @@ class Unroller:
         self._arrays.clear()  # now that all instances are known
 
     def unroll(self, items: Sequence[_Item | tree.Repeated]) -> list[_Item]:
-        """All items, loops unrolled, with numbers for loop variables and names for elements."""
-        filled = (self.filled(item, values) for item, values in self._unrolled(items, {}))
+        """Gives the items of all rounds of loops, with their numbers for the loop variables."""
+        filled = (self.filled_item(item, values) for item, values in self._unrolled(items, {}))
         return [cast("_Item", item) for item in filled if item is not None]
 
-    def filled(self, item: object, values: Values) -> object | None:
-        """Gives an item with its loop variables and elements replaced; None after a report."""
+    def filled_item(self, item: object, values: Values) -> object | None:
+        """Gives an item with numbers for loop variables, `r[0]` for `r[i]`; None after a report."""
         try:
             concrete_item = self._filled_syntax(item, values)
         except _LostError:
@@ -94,13 +94,13 @@ class Unroller:
                 yield item, values
                 continue
             try:
-                bound = f"the bound of a loop of {self.what}"
+                bound = f"the bound of a loop of {self.subject}"
                 low, high = (self._int_of(e, values, bound, "T007") for e in (item.low, item.high))
             except _LostError:
                 self.shared.names.losses += 1
                 continue
             if high < low and not values:
-                self._warn_backwards(item, low, high)
+                self._warn_of_empty_loop(item, low, high)
             for i in range(low, high):
                 if self._left <= 0:
                     self._report_too_many(item)
@@ -110,7 +110,7 @@ class Unroller:
                 yield from self._unrolled(item.items, {**values, item.name.text: i})
 
     @property
-    def has_too_many(self) -> bool:
+    def has_too_many_items(self) -> bool:
         """Whether the loops came to more than ITEMS_MAX items, which has been reported."""
         return self._left < 0
 
@@ -120,13 +120,13 @@ class Unroller:
         self.shared.names.losses += 1
         self.shared.diagnostics.error(
             "M007",
-            f"the loops of {self.what} come to more than {ITEMS_MAX} items",
+            f"the loops of {self.subject} come to more than {ITEMS_MAX} items",
             item.low.span.to(item.high.span),
             "here at the latest",
             notes=("everything that runs has a place in memory of its own from the start",),
         )
 
-    def _warn_backwards(self, item: tree.Repeated, low: int, high: int) -> None:
+    def _warn_of_empty_loop(self, item: tree.Repeated, low: int, high: int) -> None:
         """Warns W011 of a loop that ends before it begins, unless a loop around sets its bounds."""
         name = item.name.text
         self.shared.diagnostics.warning(
@@ -146,7 +146,7 @@ class Unroller:
         expr = self._filled_expr(expr, values)
         if isinstance(expr, tree.IntLit):
             return expr.value
-        value = self.shared.constant(expr, self.scope, INT, subject, None, code)
+        value = self.shared.const_value(expr, self.scope, INT, subject, None, code)
         if not isinstance(value, int):
             raise _LostError
         return value
@@ -159,7 +159,7 @@ class Unroller:
         return concrete_expr
 
     def _filled_syntax(self, node: object, values: Values) -> object:
-        """Gives syntax with numbers for loop variables, and with names for elements."""
+        """Gives syntax with numbers for loop variables, and with `r[0]` for an element `r[i]`."""
         if isinstance(node, tuple):
             parts = tuple(self._filled_syntax(x, values) for x in node)
             return parts if any(a is not b for a, b in zip(parts, node, strict=True)) else node
@@ -210,7 +210,7 @@ class Unroller:
         for part in path.parts:
             name = self._element_name(part, values)
             if isinstance(part, tree.ElementName):
-                inside = self._placed_in(names)
+                inside = self._instances_in(names)
                 if inside is not None and name.text not in inside:
                     known = _element_names(inside, part.text)
                     self._report_no_element(name.text, name.span, known, part.indices, values)
@@ -225,8 +225,8 @@ class Unroller:
             indices.append(base.index)
             base = base.target
         base = self._filled_expr(base, values)
-        names = flat_names(base)
-        inside = self._placed_in(names[:-1]) if names else None
+        names = names_of_chain(base)
+        inside = self._instances_in(names[:-1]) if names else None
         count = self._index_count(inside, names[-1].text) if names and inside is not None else 0
         if not names or not 0 < count <= len(indices):
             target = self._filled_expr(node.target, values)
@@ -249,10 +249,10 @@ class Unroller:
             result = tree.IndexExpr(node.span, result, self._filled_expr(i, values))
         return result
 
-    def _placed_in(self, names: Sequence[tree.Name]) -> Mapping[str, typed.InstanceSymbol] | None:
-        """The instances in the system that a path of instances leads to; None if it does not."""
+    def _instances_in(self, path: Sequence[tree.Name]) -> Mapping[str, typed.InstanceSymbol] | None:
+        """Gives the instances in the system at a path of instances; None if no system is there."""
         inside = self.instances
-        for name in names:
+        for name in path:
             instance = inside.get(name.text)
             if instance is None or not isinstance(instance.what, typed.SystemSymbol):
                 return None
@@ -260,7 +260,7 @@ class Unroller:
         return inside
 
     def _index_count(self, inside: Mapping[str, typed.InstanceSymbol], array: str) -> int:
-        """How many indices the elements of an array of instances have; 0 if there is no array."""
+        """Gives how many indices an element of an array of instances has; 0 for no array."""
         known = self._arrays.get(id(inside))
         if known is None:
             known = self._arrays[id(inside)] = {
@@ -328,14 +328,14 @@ class Wires(CheckerPart):
     def topic_at_far_end(
         self, path: tree.DottedPath, instances: dict[str, typed.InstanceSymbol], scope: FileScope
     ) -> typed.TopicSymbol | None:
-        """The topic that `topic`, `file.topic` or `instance.topic` means; None after a report."""
+        """Gives the topic of `topic`, `file.topic` or `instance.topic`; None after a report."""
         names = path.parts
         symbol, depth = find_instance(instances, names)
         if len(names) <= 2 and (depth == 0 or (len(names) == 1 and "[" not in names[0].text)):
             first = names[0] if len(names) == 2 else None
-            return self.shared.topic_ref(tree.Ref(first, names[-1], path.span), scope)
+            return self.shared.topic_of_ref(tree.Ref(first, names[-1], path.span), scope)
         if isinstance(symbol, typed.SystemSymbol) and len(names) == depth + 1:
-            for topic in self.shared.topics_of(symbol):
+            for topic in self.shared.topics_of_system(symbol):
                 if topic.name.rsplit(".", 1)[-1] == names[-1].text:
                     prefix = [n.text for n in names[:-1]]
                     return self.shared.topic_of_instance(symbol, prefix, topic, names[-1].span)
@@ -345,8 +345,8 @@ class Wires(CheckerPart):
         self._report_path_without_topic(path, symbol, depth)
         return None
 
-    def is_parameter(self, inner: tree.Ref, outer: tree.DottedPath, scope: FileScope) -> bool:
-        """Whether a wire names a parameter, which a wire cannot set; then it reports N003."""
+    def names_parameter(self, inner: tree.Ref, outer: tree.DottedPath, scope: FileScope) -> bool:
+        """Whether a wire names a parameter, which no wire can set; reports N003 if it does."""
         entry = scope.entries.get(inner.name.text) if inner.qualifier is None else None
         if entry is None or entry.kind != "parameter":
             return False
@@ -359,10 +359,10 @@ class Wires(CheckerPart):
         )
         return True
 
-    def report_backwards(
+    def report_reversed_wire(
         self, inner: tree.Ref, outer: tree.DottedPath, topic: typed.TopicSymbol
     ) -> None:
-        """Reports M011 of a wire that leads from a publisher to another instance's input."""
+        """Reports M011 of a wire by which an instance would publish an input topic."""
         helps: tuple[Help, ...] = ("wire it to a topic that is declared without `input`",)
         names = outer.span.text.rpartition(".")
         if names[0]:
@@ -377,10 +377,10 @@ class Wires(CheckerPart):
             helps=helps,
         )
 
-    def is_reversed(
+    def is_reversed_wire(
         self, symbol: object, inner: typed.TopicSymbol, outer: typed.TopicSymbol
     ) -> bool:
-        """Whether a wire makes an instance of `symbol` publish, by its topic `inner`, an input."""
+        """Whether through a wire an instance of `symbol` would publish `outer`, an input topic."""
         return outer.input and not inner.input and self._drives_topic(symbol, inner)
 
     def _drives_topic(self, symbol: object, topic: typed.TopicSymbol) -> bool:
@@ -406,7 +406,7 @@ class Wires(CheckerPart):
         prefix = ".".join(n.text for n in path.parts[:depth])
         rest = path.parts[depth] if depth < len(path.parts) else path.parts[-1]
         if isinstance(symbol, typed.SystemSymbol):
-            topics = [t.name.rsplit(".", 1)[-1] for t in self.shared.topics_of(symbol)]
+            topics = [t.name.rsplit(".", 1)[-1] for t in self.shared.topics_of_system(symbol)]
             helps = self.shared.diagnostics.did_you_mean(rest.text, topics, rest.span)
         elif symbol is not None:
             notes = (*notes, "only a system has topics of its own: others use those beside them")

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.language.check.checker_interface import Context
-from soter.language.check.dots_and_brackets import hint_to_one_number, listed
+from soter.language.check.dots_and_brackets import hint_to_one_number, quoted
 from soter.language.check.expression_base import CheckerPart, has_error
 from soter.language.check.parts.node import period_or_unknown
 from soter.language.check.parts.plans import join_steps, sc_and_its_topic
@@ -42,17 +42,17 @@ class ModuleChecker(CheckerPart):
     ) -> list[typed.NodeSymbol | None]:
         return [self._node_of(ref, scope) for ref in refs]
 
-    def _safe_controller(
+    def _node_of_sc(
         self, sc: tree.Ref | tree.Synthesized | None, ac: typed.NodeSymbol | None, context: Context
     ) -> typed.NodeSymbol | None:
         if isinstance(sc, tree.Synthesized):
             return self._synthesized_node(sc, ac, context)
         return self._node_of(sc, context.scope)
 
-    def signature(
-        self, decl: tree.RtaDecl, scope: FileScope, full: str
+    def symbol_of(
+        self, decl: tree.RtaDecl, scope: FileScope, full_name: str
     ) -> typed.ModuleSymbol | None:
-        """Checks controllers and period; gives the symbol, or None if one of them is missing."""
+        """Gives the symbol of a module with checked controllers and period; None without one."""
         context = Context(scope, f"the declaration of module `{decl.name.text}`")
         parts = {"ac": decl.ac, "sc": decl.sc, "period": decl.period, "safe": decl.safe}
         missing = [word for word, part in parts.items() if part is None]
@@ -64,17 +64,17 @@ class ModuleChecker(CheckerPart):
                 notes=("a module is an advanced and a safe controller, a period and a property",),
                 helps=(_text_of_missing_clauses(decl, scope, missing),),
             )
-        number = self.number_if_given
+        number = self.check_number_if_given
         ac = self._node_of(decl.ac, scope)
         plans = self._nodes_of(decl.plans, scope)
-        sc, plan = sc_and_its_topic(full, plans)
+        sc, plan = sc_and_its_topic(full_name, plans)
         if not plans:
-            sc = self._safe_controller(decl.sc, ac, context)
+            sc = self._node_of_sc(decl.sc, ac, context)
         subject, period_expr = "a period", decl.period
         period = (
             None
             if period_expr is None
-            else self.shared.number(period_expr, context, DURATION, subject)
+            else self.shared.check_number(period_expr, context, DURATION, subject)
         )
         counts = decl.name.span, "`clean` counts outputs of AC, as in `clean 5;`"
         clean = number(decl.clean, context, INT, "`clean`", counts)
@@ -88,7 +88,7 @@ class ModuleChecker(CheckerPart):
         if {ac, sc, *plans} & self.shared.damaged:
             self.shared.names.losses += 1
         module = typed.ModuleSymbol(
-            full,
+            full_name,
             decl.name.span,
             ac=ac,
             sc=sc,
@@ -107,13 +107,13 @@ class ModuleChecker(CheckerPart):
             plans=tuple(filter(None, plans)),
             plan=plan,
         )
-        self.shared.check_later(module, decl, scope)
+        self.shared.check_body_later(module, decl, scope)
         return module
 
     def _check_shield(self, decl: tree.RtaDecl, context: Context) -> typed.TypedExpr | None:
-        """How many cells commands are divided into; reports M027 for `shield;` without `rest`."""
+        """Gives into how many cells commands are cut; reports M027 for `shield;` without `rest`."""
         if not isinstance(decl.shield, tree.EachCommand):
-            return self.number_if_given(decl.shield, context, INT, "`shield`")
+            return self.check_number_if_given(decl.shield, context, INT, "`shield`")
         if decl.rest is None and decl.name.text not in context.scope.broken:
             self.diagnostics.error(
                 "M027",
@@ -127,8 +127,8 @@ class ModuleChecker(CheckerPart):
     def _synthesized_node(
         self, decl: tree.Synthesized, ac: typed.NodeSymbol | None, context: Context
     ) -> typed.NodeSymbol | None:
-        """Gives an extern node with AC's outputs for the SC that `--synthesize` finds."""
-        period = self.shared.number(decl.period, context, DURATION, "a period")
+        """Gives an extern node with AC's outputs, in the place of the SC that is to be found."""
+        period = self.shared.check_number(decl.period, context, DURATION, "a period")
         if ac is None or period is None:
             return None
         return typed.NodeSymbol(
@@ -178,10 +178,10 @@ class ModuleChecker(CheckerPart):
                 notes=("one decides when to leave AC, the other when to return to it",),
                 helps=(f"write `{missing}` too, or leave both out: then they are computed",),
             )
-        module.contract = tuple(self._check_clauses(module, decl, scope))
-        module.failsafe = self._check_law(module, decl, scope)
+        module.contract = tuple(self._check_contract(module, decl, scope))
+        module.failsafe = self._check_failsafe_law(module, decl, scope)
         if decl.candidates is not None:
-            module.candidates = self.shared.topic_ref(decl.candidates, scope)
+            module.candidates = self.shared.topic_of_ref(decl.candidates, scope)
         if decl.returns is not None:
             module.latch = self._check_latch(module, decl, decl.returns, scope)
         if decl.verify is not None:
@@ -190,13 +190,13 @@ class ModuleChecker(CheckerPart):
     def _check_rest(
         self, decl: tree.RtaDecl, rest: tree.Rest, scope: FileScope
     ) -> typed.RestSymbol | None:
-        """Checks `rest`, a condition over topics of plants; M029 beside clauses it replaces."""
+        """Checks `rest`, a condition over plants' topics; reports M029 for clauses it excludes."""
         where = f"`rest` of module `{decl.name.text}`"
         numbers = Context(scope, where)
         condition = self.shared.check_expr(
             rest.condition, Context(scope, where, topics="any"), BOOL
         )
-        within = self.shared.number(rest.within, numbers, DURATION, "the time of `rest`")
+        within = self.shared.check_number(rest.within, numbers, DURATION, "the time of `rest`")
         moves = [self._rest_move(item, numbers, scope) for item in rest.moves]
         first: dict[object, tree.Move] = {}
         for move, item in zip(moves, rest.moves, strict=True):
@@ -251,9 +251,9 @@ class ModuleChecker(CheckerPart):
     def _rest_move(
         self, item: tree.Move, context: Context, scope: FileScope
     ) -> typed.RestMove | None:
-        """Checks how far a leaf moves; reports T001 if it is no `float`."""
-        by = self.shared.number(item.by, context, FLOAT, "how far it moves")
-        place = self.shared.topic_path(item.path, scope)
+        """Checks how far a number of a topic may move in `rest`; reports T001 for no `float`."""
+        by = self.shared.check_number(item.by, context, FLOAT, "how far it moves")
+        place = self.shared.topic_of_path(item.path, scope)
         if place is None or has_error(by):
             return None
         topic, path, t = place
@@ -287,7 +287,7 @@ class ModuleChecker(CheckerPart):
                     helps=("leave `recover` out",),
                 )
             return typed.Latch(None, returns.span)
-        topic = self.shared.topic_ref(returns.topic, scope)
+        topic = self.shared.topic_of_ref(returns.topic, scope)
         if topic is None:
             return None
         lacks: list[tuple[str, str]] = []
@@ -306,18 +306,18 @@ class ModuleChecker(CheckerPart):
             )
         return None if lacks else typed.Latch(topic, returns.span)
 
-    def _check_law(
+    def _check_failsafe_law(
         self, module: typed.ModuleSymbol, decl: tree.RtaDecl, scope: FileScope
     ) -> dict[typed.TopicSymbol, typed.TypedExpr]:
-        """Checks the fail-safe law; M009 for a topic that is no output, M026 for a missing one."""
+        """Checks the fail-safe law; reports M009 for a topic that is no output, M026 for a gap."""
         name = decl.name.text
         context = Context(scope, f"the fail-safe law of module `{name}`")
         value_by_topic: dict[typed.TopicSymbol, typed.TypedExpr] = {}
         spans: dict[typed.TopicSymbol, Span] = {}
         for ref, expr in decl.failsafe:
-            topic = self.shared.topic_ref(ref, scope)
+            topic = self.shared.topic_of_ref(ref, scope)
             wanted = topic.type if topic else None
-            value = self.shared.number(expr, context, wanted, "a fail-safe value")
+            value = self.shared.check_number(expr, context, wanted, "a fail-safe value")
             if topic is None:
                 continue
             if topic not in module.sc.publishes:
@@ -329,7 +329,7 @@ class ModuleChecker(CheckerPart):
                     helps=(f"leave `{ref.text}` out",),
                 )
             elif topic in spans:
-                self.shared.names.report_two_of_one_name(ref.text, ref.span, spans[topic])
+                self.shared.names.report_duplicate(ref.text, ref.span, spans[topic])
             elif not has_error(value):
                 value_by_topic[topic] = value
             spans.setdefault(topic, ref.span)
@@ -337,7 +337,7 @@ class ModuleChecker(CheckerPart):
         if decl.failsafe and left and module.sc not in self.shared.damaged:
             self.diagnostics.error(
                 "M026",
-                f"the fail-safe law of module `{name}` says nothing of {listed(left)}",
+                f"the fail-safe law of module `{name}` says nothing of {quoted(left)}",
                 decl.failsafe[0][0].span,
                 also=((module.sc_span or module.span, "publishes it"),),
                 notes=("when the lease ends all outputs of a module get a value at once",),
@@ -345,7 +345,7 @@ class ModuleChecker(CheckerPart):
             )
         return value_by_topic if not left else {}
 
-    def _check_clauses(
+    def _check_contract(
         self, module: typed.ModuleSymbol, decl: tree.RtaDecl, scope: FileScope
     ) -> Iterator[typed.ClauseSymbol]:
         where = f"the contract of module `{decl.name.text}`"
@@ -353,7 +353,7 @@ class ModuleChecker(CheckerPart):
         seen: dict[str, Span] = {}
         for item in decl.contract:
             condition = self.shared.check_expr(item.condition, context, BOOL)
-            if self.shared.names.is_first(item.name, seen) and not has_error(condition):
+            if self.shared.names.enter_if_new(item.name, seen) and not has_error(condition):
                 self._require_outputs(module, item, condition)
                 text = " ".join(item.condition.span.text.split())
                 yield typed.ClauseSymbol(item.name.text, item.span, item.kind, condition, text)
@@ -365,7 +365,7 @@ class ModuleChecker(CheckerPart):
         outputs = set(module.sc.publishes)
         read = topic_reads(condition)
         outputs_read = [e for t, e in read.items() if t in outputs]
-        published = listed([t.name for t in module.sc.publishes])
+        published = quoted([t.name for t in module.sc.publishes])
         also = ((module.span, f"publishes {published}"),)
         if item.kind == "guarantees" and not outputs_read:
             self.diagnostics.error(
@@ -391,7 +391,7 @@ class ModuleChecker(CheckerPart):
 
 
 def _clauses_excluded_by_rest(decl: tree.RtaDecl) -> Iterator[tuple[str, Span]]:
-    """Yields the clauses of a module and of its `verify` block that `rest` excludes, with place."""
+    """Yields the word and place of each clause, also of `verify`, that `rest` excludes."""
     for word in ("ttf", "safer", "shield"):
         part = getattr(decl, word)
         if part is not None and not isinstance(part, tree.EachCommand):
@@ -413,8 +413,8 @@ def _clauses_excluded_by_rest(decl: tree.RtaDecl) -> Iterator[tuple[str, Span]]:
         yield "induction", verify.induction
 
 
-def _nodes_with_same_outputs(name: str, scope: FileScope) -> list[str]:
-    """Gives other nodes that publish what node `name` does; all that publish, if it is unknown."""
+def _nodes_with_outputs_of(name: str, scope: FileScope) -> list[str]:
+    """Gives other nodes with the same outputs as node `name`; all with outputs if it is unknown."""
     known = [e.decl for e in scope.entries.values() if isinstance(e.decl, tree.NodeDecl)]
     outputs = {d.name.text: {p.topic.text for p in d.publishes} for d in known}
     wanted = outputs.get(name)
@@ -422,9 +422,9 @@ def _nodes_with_same_outputs(name: str, scope: FileScope) -> list[str]:
 
 
 def _text_of_missing_clauses(decl: tree.RtaDecl, scope: FileScope, missing: list[str]) -> str:
-    """Gives the text of the missing clauses, with nodes of this file that fit."""
+    """Gives a help that names the missing clauses, with nodes of this file that fit."""
     other = next((p.text for p in (decl.ac, decl.sc) if isinstance(p, tree.Ref)), "")
-    alike = _nodes_with_same_outputs(other, scope)
+    alike = _nodes_with_outputs_of(other, scope)
     examples = {"ac": "ac ...;", "sc": "sc ...;", "period": "period 50ms;", "safe": "safe ...;"}
     if other and alike:
         examples |= {"ac": f"ac {alike[0]};", "sc": f"sc {alike[0]};"}

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.fixes import out_of_list
+from soter.diagnostics.fixes import remove_from_list
 from soter.language.check import unknown_names
 from soter.language.check.checker_interface import Context
 from soter.language.check.expression_base import CheckerPart, has_error
@@ -43,9 +43,9 @@ def check_binding(source: str | None, span: Span | None, diagnostics: Diagnostic
 
 
 def located_binding(source: str | None, scope: FileScope) -> str | None:
-    """Gives a binding with paths from the folder of the file that declares it."""
+    """Gives a binding whose path is joined to the folder of the file that declares it."""
     binding = binding_of(source)
-    return source if binding is None else str(binding.beside(scope.loaded.path.parent))
+    return source if binding is None else str(binding.in_folder(scope.loaded.path.parent))
 
 
 UNKNOWN = "<error>"
@@ -53,11 +53,11 @@ UNKNOWN = "<error>"
 
 
 def period_or_unknown(period: typed.TypedExpr) -> typed.TypedExpr:
-    """Gives the period, or after a report a literal that `system_numbers.py` ignores."""
+    """Gives the period; if it has an error, a literal that `system_numbers.py` ignores."""
     return typed.Literal(DURATION, period.span, 0, UNKNOWN) if has_error(period) else period
 
 
-def refuse_input(topic: typed.TopicSymbol, span: Span, diagnostics: Diagnostics) -> None:
+def refuse_input_topic(topic: typed.TopicSymbol, span: Span, diagnostics: Diagnostics) -> None:
     """Reports M011 for an input topic that the program itself would set."""
     diagnostics.error(
         "M011",
@@ -76,11 +76,11 @@ MAX_OUTPUTS = 32
 class NodeChecker(CheckerPart):
     """Checks nodes of one program."""
 
-    def signature(self, decl: tree.NodeDecl, scope: FileScope, full: str) -> typed.NodeSymbol:
-        """Checks all of a node but its code, and gives the symbol."""
+    def symbol_of(self, decl: tree.NodeDecl, scope: FileScope, full_name: str) -> typed.NodeSymbol:
+        """Gives the symbol of a node, of which everything but the code is checked."""
         context = Context(scope, f"the declaration of node `{decl.name.text}`")
-        period = self.shared.number(decl.period, context, DURATION, "a period")
-        phase = self.number_if_given(decl.phase, context, DURATION, "a phase")
+        period = self.shared.check_number(decl.period, context, DURATION, "a period")
+        phase = self.check_number_if_given(decl.phase, context, DURATION, "a phase")
         check_binding(decl.source, decl.source_span, self.diagnostics)
         subscribes = self._check_inputs(decl, scope)
         bursts: dict[typed.TopicSymbol, int] = {}
@@ -88,7 +88,7 @@ class NodeChecker(CheckerPart):
         locals_, initial = self._check_locals(decl, scope, context)
         failsafe = self._check_failsafe(decl, scope, publishes, context)
         node = typed.NodeSymbol(
-            full,
+            full_name,
             decl.name.span,
             period=period_or_unknown(period),
             phase=phase,
@@ -105,10 +105,10 @@ class NodeChecker(CheckerPart):
             step=(),
             bursts=bursts,
             takes=self._check_takes(decl, context),
-            wcet=self.number_if_given(decl.wcet, context, DURATION, "`wcet`"),
-            jitter=self.number_if_given(decl.jitter, context, DURATION, "`jitter`"),
+            wcet=self.check_number_if_given(decl.wcet, context, DURATION, "`wcet`"),
+            jitter=self.check_number_if_given(decl.jitter, context, DURATION, "`jitter`"),
         )
-        self.shared.check_later(node, decl, scope)
+        self.shared.check_body_later(node, decl, scope)
         return node
 
     def _check_takes(
@@ -118,7 +118,7 @@ class NodeChecker(CheckerPart):
         if decl.takes is None:
             return None
         low, high = (
-            self.number_if_given(end, context, DURATION, "how long a step takes")
+            self.check_number_if_given(end, context, DURATION, "how long a step takes")
             for end in (decl.takes.low, decl.takes.high)
         )
         return None if low is None or high is None else (low, high)
@@ -130,25 +130,25 @@ class NodeChecker(CheckerPart):
     ) -> dict[typed.TopicSymbol, typed.Subscribed]:
         subscription_by_topic: dict[typed.TopicSymbol, typed.Subscribed] = {}
         for s in decl.subscribes:
-            topic = self.shared.topic_ref(s.topic, scope)
+            topic = self.shared.topic_of_ref(s.topic, scope)
             if topic is None:
                 continue
             if topic in subscription_by_topic:
-                self.shared.names.report_twice(
+                self.shared.names.report_repeated(
                     f"`{s.topic.text}` is subscribed to twice",
                     s.span,
                     subscription_by_topic[topic].span,
                 )
                 continue
             policy = s.policy or "drop_oldest"
-            queue = self._count_of(s.queue, s.span, topic, "a queue holds", "this queue holds")
+            queue = self._message_count(s.queue, s.span, topic, "a queue holds", "this queue holds")
             subscription_by_topic[topic] = typed.Subscribed(topic, queue, policy, s.span)
         return subscription_by_topic
 
-    def _count_of(
+    def _message_count(
         self, count: int | None, span: Span, topic: typed.TopicSymbol, each: str, these: str
     ) -> int | None:
-        """How many messages a queue holds, or a step publishes; reports T011 for 0 or too many."""
+        """Gives how many messages a queue or a step may have, if declared; T011 for a bad count."""
         if count is None:
             return None
         numbers = count * leaf_count(topic.type)
@@ -166,15 +166,15 @@ class NodeChecker(CheckerPart):
         subscribes: dict[typed.TopicSymbol, typed.Subscribed],
         bursts: dict[typed.TopicSymbol, int],
     ) -> dict[typed.TopicSymbol, Span]:
-        """Gives outputs with place; sets `bursts`, reports M001 of outputs that are inputs."""
+        """Gives output -> its place; fills `bursts`; reports M001 of an output that is an input."""
         span_by_topic: dict[typed.TopicSymbol, Span] = {}
         for publication in decl.publishes:
             ref = publication.topic
-            topic = self.shared.topic_ref(ref, scope)
+            topic = self.shared.topic_of_ref(ref, scope)
             if topic is None:
                 continue
             if topic in span_by_topic:
-                self.shared.names.report_twice(
+                self.shared.names.report_repeated(
                     f"`{ref.text}` is published twice", ref.span, span_by_topic[topic]
                 )
                 continue
@@ -189,10 +189,10 @@ class NodeChecker(CheckerPart):
                     helps=("keep the value in a local: `var last: ...;`",),
                 )
             if topic.input:
-                refuse_input(topic, ref.span, self.diagnostics)
+                refuse_input_topic(topic, ref.span, self.diagnostics)
             span_by_topic[topic] = ref.span
-            count, span = publication.burst, publication.span
-            burst = self._count_of(count, span, topic, "a step publishes", "these messages hold")
+            count, at = publication.burst, publication.span
+            burst = self._message_count(count, at, topic, "a step publishes", "these messages hold")
             if burst is not None:
                 bursts[topic] = burst
         if len(span_by_topic) > MAX_OUTPUTS:
@@ -204,20 +204,20 @@ class NodeChecker(CheckerPart):
                 helps=("put values that belong together into one record",),
             )
         if decl.extern:
-            self._require_distinct(
+            self._require_distinct_last_names(
                 decl, [s.topic for s in subscribes.values()], subscribes, "reads"
             )
-            self._require_distinct(decl, list(span_by_topic), span_by_topic, "publishes")
+            self._require_distinct_last_names(decl, list(span_by_topic), span_by_topic, "publishes")
         return span_by_topic
 
-    def _require_distinct(
+    def _require_distinct_last_names(
         self,
         decl: tree.NodeDecl,
         topics: list[typed.TopicSymbol],
         spans: Mapping[typed.TopicSymbol, typed.Subscribed | Span],
         verb: str,
     ) -> None:
-        """Reports M017 of an extern's topics with equal last names: its code knows only these."""
+        """Reports M017 of two topics with one last name, by which an extern's code knows them."""
         taken: dict[str, typed.TopicSymbol] = {}
         for topic in topics:
             short = topic.name.rpartition(".")[2]
@@ -251,12 +251,10 @@ class NodeChecker(CheckerPart):
         for local in decl.locals:
             t = self.shared.resolve_type(local.type, scope)
             because = (local.type.span, f"declared as `{t}`")
-            value = self.number_if_given(local.initial, context, t, "a first value", because)
+            value = self.check_number_if_given(local.initial, context, t, "a first value", because)
             first = variables.get(local.name.text)
             if first is not None:
-                self.shared.names.report_two_of_one_name(
-                    local.name.text, local.name.span, first.span
-                )
+                self.shared.names.report_duplicate(local.name.text, local.name.span, first.span)
                 continue
             variables[local.name.text] = typed.Variable(
                 local.name.text, t, "local", local.name.span
@@ -275,10 +273,10 @@ class NodeChecker(CheckerPart):
         result: dict[typed.TopicSymbol, typed.TypedExpr] = {}
         spans: dict[typed.TopicSymbol, Span] = {}
         for ref, expr in decl.failsafe:
-            topic = self.shared.topic_ref(ref, scope)
+            topic = self.shared.topic_of_ref(ref, scope)
             because = (topic.span, f"topic `{topic.name}` is `{topic.type}`") if topic else None
             wanted = topic.type if topic else None
-            value = self.shared.number(expr, context, wanted, "a fail-safe value", because)
+            value = self.shared.check_number(expr, context, wanted, "a fail-safe value", because)
             if topic is None:
                 continue
             if topic not in publishes:
@@ -292,7 +290,7 @@ class NodeChecker(CheckerPart):
                     ),
                 )
             elif topic in spans:
-                self.shared.names.report_twice(
+                self.shared.names.report_repeated(
                     f"the fail-safe value of `{ref.text}` is given twice", ref.span, spans[topic]
                 )
             elif not has_error(value):
@@ -373,11 +371,11 @@ class NodeChecker(CheckerPart):
         spans = {
             t: p.topic.span
             for p in decl.publishes
-            if (t := self.shared.topic_ref(p.topic, context.scope)) is not None
+            if (t := self.shared.topic_of_ref(p.topic, context.scope)) is not None
         }
         for topic in node.publishes:
             if topic not in published:
-                self.shared.unused.add(
+                self.shared.unused.keep(
                     "W004",
                     f"`{name}` never publishes `{topic.name}`",
                     spans.get(topic, decl.name.span),
@@ -386,11 +384,11 @@ class NodeChecker(CheckerPart):
                 )
         for s in node.subscribes:
             if s.topic not in context.topics_read:
-                self.shared.unused.add(
+                self.shared.unused.keep(
                     "W001",
                     f"`{name}` never reads `{s.topic.name}`",
                     s.span,
                     "",
-                    out_of_list(s.span, "leave it out"),
+                    remove_from_list(s.span, "leave it out"),
                 )
         self.shared.unused.warn_of_variables(list(node.locals))

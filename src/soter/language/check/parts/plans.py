@@ -1,9 +1,9 @@
 """Makes one SC of the plans of a module: `sc Brake, Left, Right;`.
 
-Purpose: `sc_and_its_topic` makes the node that stands for all of them, and `join_steps` its step,
-which does what one plan does: that whose number is in the hidden topic of the module. It reports
-M030 for plans of which one cannot take the place of another in flight.
-Non-goals: which plan that is (the DM chooses), their periods (`make_components.py`), whether
+Purpose: `sc_and_its_topic` makes one node for all plans. `join_steps` makes its step, which runs
+the step of one plan: the plan whose number is in a hidden topic of the module. It reports M030 for
+plans that cannot replace each other in flight.
+Non-goals: which plan runs (the DM chooses), their periods (`make_components.py`), whether
 they are safe (`verify/`).
 """
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 def sc_and_its_topic(
     module: str, plans: Sequence[typed.NodeSymbol | None]
 ) -> tuple[typed.NodeSymbol | None, typed.TopicSymbol | None]:
-    """Gives the node `sc` of a module, as yet without a step, and the topic of its plan's number.
+    """Gives the node `sc` of a module, still without a step, and the topic of the plan's number.
 
     (None, None) if the module has no plans, or one is unknown. `module` is its full name.
     """
@@ -33,14 +33,14 @@ def sc_and_its_topic(
     if not known or len(known) < len(plans):
         return None, None
     first, read = known[0], {s.topic: s for p in known for s in p.subscribes}
-    node = first.node_that_does((), tuple(read.values()))
+    node = first.node_with_step((), tuple(read.values()))
     number = IntType(0, len(plans) - 1)
     topic = typed.TopicSymbol(f"{module}.plan", first.span, number, False, {}, None, None)
     return replace(node, name=f"{module}.sc", takes=None), topic
 
 
 def join_steps(module: typed.ModuleSymbol, decl: tree.RtaDecl, diagnostics: Diagnostics) -> None:
-    """Gives a module's SC its step, once the steps of the plans are checked; reports M030."""
+    """Sets the step of a module's SC, after the steps of its plans were checked; reports M030."""
     assert module.plan is not None
     topic, span = module.plan, module.sc.span
     if decl.rest is None:
@@ -52,7 +52,7 @@ def join_steps(module: typed.ModuleSymbol, decl: tree.RtaDecl, diagnostics: Diag
             helps=(f"write `rest ... within ...;`, or one plan alone: `sc {decl.plans[0].text};`",),
         )
     for k, (plan, ref) in enumerate(zip(module.plans, decl.plans, strict=True)):
-        for why in _why_no_exchange(module, k, plan):
+        for why in _flaws_of_plan(module, k, plan):
             diagnostics.error(
                 "M030",
                 f"`{plan.name}` cannot be one of several plans: it {why}",
@@ -77,7 +77,7 @@ def join_steps(module: typed.ModuleSymbol, decl: tree.RtaDecl, diagnostics: Diag
     module.sc.step = (typed.TypedIf(span, tuple(arms[:-1]), arms[-1][1]),)
 
 
-def _why_no_exchange(module: typed.ModuleSymbol, k: int, plan: typed.NodeSymbol) -> Iterator[str]:
+def _flaws_of_plan(module: typed.ModuleSymbol, k: int, plan: typed.NodeSymbol) -> Iterator[str]:
     first = module.plans[0]
     wrong = {
         "is named twice": plan in module.plans[:k],

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.fixes import out_of_list
+from soter.diagnostics.fixes import remove_from_list
 from soter.language.check.checker_interface import Context
 from soter.language.check.expression_base import (
     CheckerPart,
@@ -22,7 +22,7 @@ from soter.language.check.parts.node import (
     check_binding,
     located_binding,
     period_or_unknown,
-    refuse_input,
+    refuse_input_topic,
 )
 from soter.language.check.statements import report_stored_duration
 from soter.language.model import typed
@@ -49,10 +49,12 @@ if TYPE_CHECKING:
 class PlantChecker(CheckerPart):
     """Checks plants of one program."""
 
-    def signature(self, decl: tree.PlantDecl, scope: FileScope, full: str) -> typed.PlantSymbol:
-        """Checks all of a plant but its right-hand sides, and gives the symbol."""
+    def symbol_of(
+        self, decl: tree.PlantDecl, scope: FileScope, full_name: str
+    ) -> typed.PlantSymbol:
+        """Gives the symbol of a plant, of which everything but right-hand sides is checked."""
         context = Context(scope, f"the declaration of plant `{decl.name.text}`")
-        period = self.shared.number(decl.period, context, DURATION, "a period")
+        period = self.shared.check_number(decl.period, context, DURATION, "a period")
         check_binding(decl.source, decl.source_span, self.diagnostics)
         reads = self._check_reads(decl, scope)
         states, initial, ranges = self._check_states(decl, scope, context)
@@ -60,11 +62,11 @@ class PlantChecker(CheckerPart):
         method, substeps = decl.integrate or (DEFAULT_SCHEME, None)
         truth = RecordType(
             tuple((v.name, v.type) for v in states if not isinstance(v.type, ErrorType)),
-            f"{full}.truth",
+            f"{full_name}.truth",
         )
         self.shared.names.note_syntax_of_fields(truth.fields, decl)
         plant = typed.PlantSymbol(
-            full,
+            full_name,
             decl.name.span,
             period=period_or_unknown(period),
             extern=decl.extern,
@@ -79,22 +81,22 @@ class PlantChecker(CheckerPart):
             der={},
             next={},
             method=method,
-            substeps=self.number_if_given(substeps, context, INT, "the number of substeps"),
+            substeps=self.check_number_if_given(substeps, context, INT, "the number of substeps"),
             measured=(),
             truth=truth,
             read_spans=tuple(reads.values()),
         )
-        self.shared.check_later(plant, decl, scope)
+        self.shared.check_body_later(plant, decl, scope)
         return plant
 
     def _check_reads(self, decl: tree.PlantDecl, scope: FileScope) -> dict[typed.TopicSymbol, Span]:
         reads: dict[typed.TopicSymbol, Span] = {}
         for ref in decl.reads:
-            topic = self.shared.topic_ref(ref, scope)
+            topic = self.shared.topic_of_ref(ref, scope)
             if topic is None:
                 continue
             if topic in reads:
-                self.shared.names.report_twice(
+                self.shared.names.report_repeated(
                     f"`{ref.text}` is read twice", ref.span, reads[topic]
                 )
             reads.setdefault(topic, ref.span)
@@ -105,7 +107,7 @@ class PlantChecker(CheckerPart):
     ) -> tuple[tuple[typed.TopicSymbol, typed.TypedExpr], ...]:
         spans: dict[typed.TopicSymbol, Span] = {}
         for ref, expr in decl.drives:
-            topic = self.shared.topic_ref(ref, scope)
+            topic = self.shared.topic_of_ref(ref, scope)
             if expr is None:
                 self.diagnostics.error(
                     "M006",
@@ -117,13 +119,13 @@ class PlantChecker(CheckerPart):
             if expr is None or topic is None:
                 continue
             if topic in spans:
-                self.shared.names.report_twice(
+                self.shared.names.report_repeated(
                     f"`{ref.text}` is driven twice", ref.span, spans[topic]
                 )
                 continue
             spans[topic] = ref.span
             if topic.input:
-                refuse_input(topic, ref.span, self.diagnostics)
+                refuse_input_topic(topic, ref.span, self.diagnostics)
         return tuple((t, error_expr(span)) for t, span in spans.items())
 
     def _check_states(
@@ -139,13 +141,11 @@ class PlantChecker(CheckerPart):
         for s in decl.states:
             t = self.shared.resolve_type(s.type, scope)
             because = (s.type.span, f"declared as `{t}`")
-            value = self.number_if_given(s.initial, context, t, "a first value", because)
+            value = self.check_number_if_given(s.initial, context, t, "a first value", because)
             interval = self._start_interval(s, t, context)
             first = states.get(s.name.text)
             if first is not None:
-                self.shared.names.report_two_of_one_name(
-                    s.name.text, s.name.span, first.span, "state"
-                )
+                self.shared.names.report_duplicate(s.name.text, s.name.span, first.span, "state")
                 continue
             states[s.name.text] = typed.Variable(s.name.text, t, "state", s.name.span, used=True)
             self.shared.names.note_meaning(s.name.span, states[s.name.text])
@@ -182,8 +182,8 @@ class PlantChecker(CheckerPart):
     def _check_interval(
         self, interval: tree.IntervalExpr, context: Context
     ) -> tuple[typed.TypedExpr, typed.TypedExpr] | None:
-        low = self.shared.number(interval.low, context, FLOAT, "a bound")
-        high = self.shared.number(interval.high, context, FLOAT, "a bound")
+        low = self.shared.check_number(interval.low, context, FLOAT, "a bound")
+        high = self.shared.check_number(interval.high, context, FLOAT, "a bound")
         return None if has_error(low, high) else (low, high)
 
     def _check_disturbances(
@@ -194,10 +194,10 @@ class PlantChecker(CheckerPart):
         for d in decl.disturbances:
             t = self.shared.resolve_type(d.type, scope)
             interval = self._check_interval(d.interval, context)
-            hold = self.number_if_given(d.hold, context, DURATION, "`hold`")
+            hold = self.check_number_if_given(d.hold, context, DURATION, "`hold`")
             first = taken.get(d.name.text)
             if first is not None:
-                self.shared.names.report_two_of_one_name(d.name.text, d.name.span, first.span)
+                self.shared.names.report_duplicate(d.name.text, d.name.span, first.span)
                 continue
             if not (isinstance(t, (FloatType, ErrorType)) or is_vector(t)):
                 self.diagnostics.error(
@@ -234,11 +234,11 @@ class PlantChecker(CheckerPart):
             choices=[],
         )
         plant.lets = tuple(self._check_let(item, frame, context) for item in decl.lets)
-        self._check_der(plant, decl, context)
+        self._check_dynamics(plant, decl, context)
         self._check_drives(plant, decl, context)
         plant.measured = tuple(self._check_measured(plant, decl, scope))
         if not plant.extern and not scope.loaded.library:
-            self._warn_unused(plant, decl, context)
+            self._warn_of_unused_names(plant, decl, context)
 
     def _check_let(
         self, item: tree.PlantLet, frame: dict[str, typed.Variable], context: Context
@@ -252,16 +252,18 @@ class PlantChecker(CheckerPart):
             variable_type = ERROR
         first = frame.get(item.name.text)
         if first is not None:
-            self.shared.names.report_two_of_one_name(item.name.text, item.name.span, first.span)
+            self.shared.names.report_duplicate(item.name.text, item.name.span, first.span)
             first.used = True
         variable = typed.Variable(item.name.text, variable_type, "plantlet", item.name.span)
         frame[item.name.text] = variable
         self.shared.names.note_meaning(item.name.span, variable)
         return variable, value
 
-    def _check_der(self, plant: typed.PlantSymbol, decl: tree.PlantDecl, context: Context) -> None:
+    def _check_dynamics(
+        self, plant: typed.PlantSymbol, decl: tree.PlantDecl, context: Context
+    ) -> None:
         states = {v.name: v for v in plant.states}
-        given: dict[str, Span] = {}
+        span_by_state: dict[str, Span] = {}
         for name, _ in (*decl.der, *decl.next):
             if name.text not in states:  # report it before expressions do
                 self._report_no_state(plant, decl, name, context)
@@ -275,9 +277,9 @@ class PlantChecker(CheckerPart):
                 value = self.shared.check_expr(expr, at, wanted, because)
                 if variable is None:
                     self._report_no_state(plant, decl, name, context)
-                elif name.text in given:
+                elif name.text in span_by_state:
                     message = f"the dynamics of `{name.text}` are given twice"
-                    self.shared.names.report_twice(message, name.span, given[name.text])
+                    self.shared.names.report_repeated(message, name.span, span_by_state[name.text])
                 elif word == "der" and not _can_be_integrated(variable.type):
                     self.diagnostics.error(
                         "T018",
@@ -288,8 +290,8 @@ class PlantChecker(CheckerPart):
                     )
                 else:
                     table[variable] = value
-                given.setdefault(name.text, name.span)
-        self._report_wrong_motion(plant, decl, given, context)
+                span_by_state.setdefault(name.text, name.span)
+        self._report_wrong_motion(plant, decl, span_by_state, context)
 
     def _report_wrong_motion(
         self,
@@ -298,7 +300,7 @@ class PlantChecker(CheckerPart):
         moved: dict[str, Span],
         context: Context,
     ) -> None:
-        """Reports X010 of an extern plant with dynamics, M006 of any other plant without states."""
+        """Reports X010 of an extern plant with dynamics, M006 of another plant without states."""
         if plant.extern and moved:
             self.diagnostics.error(
                 "X010",
@@ -340,10 +342,10 @@ class PlantChecker(CheckerPart):
     def _check_drives(
         self, plant: typed.PlantSymbol, decl: tree.PlantDecl, context: Context
     ) -> None:
-        """Checks the values that drive topics; if two drive one topic, the first is kept."""
+        """Checks the values that drive topics; keeps the first of two values for one topic."""
         values: dict[typed.TopicSymbol, typed.TypedExpr] = {}
         for ref, expr in decl.drives:
-            topic = self.shared.topic_ref(ref, context.scope)
+            topic = self.shared.topic_of_ref(ref, context.scope)
             if expr is None:
                 continue
             because = (topic.span, f"topic `{topic.name}` is `{topic.type}`") if topic else None
@@ -361,8 +363,8 @@ class PlantChecker(CheckerPart):
         measured: list[typed.MeasuredSymbol] = []
         taken: list[tuple[typed.TopicSymbol, tuple[str, ...], Span]] = []
         for path, bound in decl.measured:
-            within = self.shared.number(bound, context, FLOAT, "the bound of an error")
-            topic_path = self.shared.topic_path(path, scope)
+            within = self.shared.check_number(bound, context, FLOAT, "the bound of an error")
+            topic_path = self.shared.topic_of_path(path, scope)
             if topic_path is None:
                 continue
             topic, below, t = topic_path
@@ -386,7 +388,7 @@ class PlantChecker(CheckerPart):
                     helps=("name the fields that are floats",),
                 )
             elif overlap is not None:
-                self.shared.names.report_twice(
+                self.shared.names.report_repeated(
                     f"the error of `{path.span.text}` is given twice", path.span, overlap
                 )
             elif not has_error(within):
@@ -394,7 +396,7 @@ class PlantChecker(CheckerPart):
             taken.append((topic, below, path.span))
         return measured
 
-    def _warn_unused(
+    def _warn_of_unused_names(
         self, plant: typed.PlantSymbol, decl: tree.PlantDecl, context: Context
     ) -> None:
         unused = self.shared.unused
@@ -405,11 +407,11 @@ class PlantChecker(CheckerPart):
         for topic, span in zip(plant.reads, plant.read_spans, strict=True):
             if topic not in context.topics_read:
                 message = f"plant `{decl.name.text}` never reads `{topic.name}`"
-                unused.add("W001", message, span, "", out_of_list(span, "leave it out"))
+                unused.keep("W001", message, span, "", remove_from_list(span, "leave it out"))
 
 
 def unmoved_states(plant: typed.PlantSymbol) -> list[typed.Variable]:
-    """States without `der` and `next`, but not constants drawn from a range, nor `_` names."""
+    """Gives the states without `der` and `next`, except drawn constants and names with `_`."""
     if plant.extern:
         return []
     return [

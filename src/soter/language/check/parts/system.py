@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.language.check.checker_interface import Context
-from soter.language.check.dots_and_brackets import find_instance, flat_names
+from soter.language.check.dots_and_brackets import find_instance, names_of_chain
 from soter.language.check.expression_base import has_error
 from soter.language.check.parts.instances import Unroller, Wires
 from soter.language.check.parts.system_items import (
@@ -21,12 +21,12 @@ from soter.language.check.parts.system_items import (
     invariant_call,
     mark_used,
     path_expr,
-    source_line,
+    text_on_one_line,
 )
 from soter.language.model import typed
 from soter.language.model.types import INT
 from soter.language.syntax import tree
-from soter.language.syntax.printer import print_expr
+from soter.language.syntax.printer import expression_text
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -45,15 +45,17 @@ class SystemChecker(ItemChecker):
         super().__init__(shared)
         self.wires = Wires(shared)
         self.settings: dict[typed.InstanceSymbol, tuple[tree.SetParam, ...]] = {}
-        """What the braces of an instance set."""
+        """Instance -> the `set` items in its braces."""
 
     # ------------------------------------------------------------ instances
 
-    def signature(self, decl: tree.SystemDecl, scope: FileScope, full: str) -> typed.SystemSymbol:
-        """Checks the instances, which other declarations may name; gives the symbol."""
+    def symbol_of(
+        self, decl: tree.SystemDecl, scope: FileScope, full_name: str
+    ) -> typed.SystemSymbol:
+        """Gives the symbol of a system with its checked instances, as others may name these."""
         instances: dict[str, typed.InstanceSymbol] = {}
         lost: set[str] = set()
-        mark = self.shared.mark()
+        mark = self.shared.damage_counts()
         unroller = Unroller(self.shared, scope, f"system `{decl.name.text}`", instances)
         placed: list[tuple[typed.InstanceSymbol, tree.Instance, Mapping[str, int]]] = []
         for name, item, values in unroller.named_instances(decl.instances):
@@ -78,17 +80,17 @@ class SystemChecker(ItemChecker):
             symbol = typed.InstanceSymbol(name.text, made_of, {}, {}, name.span)
             instances[name.text] = symbol
             placed.append((symbol, item, values))
-        if unroller.has_too_many:
+        if unroller.has_too_many_items:
             lost |= {item.name.text for _, item, _ in placed}
             placed.clear()
             instances.clear()
         self._require_distinct_arrays(instances)
         for symbol, item, values in placed:
-            filled = unroller.filled(item, values)
+            filled = unroller.filled_item(item, values)
             if isinstance(filled, tree.Instance):
                 self._check_wires(symbol, filled, instances, scope)
                 self.settings[symbol] = filled.sets
-        whole = self.shared.mark() == mark and decl.name.text not in scope.broken
+        whole = self.shared.damage_counts() == mark and decl.name.text not in scope.broken
         if whole and not instances:
             self.diagnostics.error(
                 "M006",
@@ -97,7 +99,7 @@ class SystemChecker(ItemChecker):
                 helps=("add a plant, a node or a module: `c: Cart;`",),
             )
         system = typed.SystemSymbol(
-            full,
+            full_name,
             decl.name.span,
             default=decl.default,
             instances=tuple(instances.values()),
@@ -113,7 +115,7 @@ class SystemChecker(ItemChecker):
             of = typed.SystemSymbol
             system.deploys = self.referred_symbol(decl.deploys, scope, "system", of, notes=notes)
         self.shared.lost[system] = frozenset(lost)
-        self.shared.check_later(system, decl, scope)
+        self.shared.check_body_later(system, decl, scope)
         return system
 
     def _declaration_of_instance(
@@ -182,17 +184,17 @@ class SystemChecker(ItemChecker):
         instances: dict[str, typed.InstanceSymbol],
         scope: FileScope,
     ) -> None:
-        """Checks the wires of an instance, and notes at which place each is written."""
+        """Checks the wires of an instance; enters them, with their places, in its symbol."""
         renames, spans = symbol.renames, symbol.rename_spans
         for inner_ref, outer_ref in item.renames:
-            if self.wires.is_parameter(inner_ref, outer_ref, scope):
+            if self.wires.names_parameter(inner_ref, outer_ref, scope):
                 continue
-            inner = self.shared.topic_ref(inner_ref, scope)
+            inner = self.shared.topic_of_ref(inner_ref, scope)
             outer = self.wires.topic_at_far_end(outer_ref, instances, scope)
             if inner is None or outer is None:
                 continue
-            if self.wires.is_reversed(symbol.what, inner, outer):
-                self.wires.report_backwards(inner_ref, outer_ref, outer)
+            if self.wires.is_reversed_wire(symbol.what, inner, outer):
+                self.wires.report_reversed_wire(inner_ref, outer_ref, outer)
                 continue
             if inner.type != outer.type:
                 self.diagnostics.error(
@@ -204,7 +206,7 @@ class SystemChecker(ItemChecker):
                     notes=("wired topics are one topic, so they have one type",),
                 )
             elif inner in renames:
-                self.shared.names.report_twice(
+                self.shared.names.report_repeated(
                     f"`{inner_ref.text}` is wired twice", inner_ref.span, spans[inner]
                 )
             else:
@@ -219,19 +221,19 @@ class SystemChecker(ItemChecker):
         """Checks properties, overrides, inputs and the other items."""
         where = f"system `{decl.name.text}`"
         instances = {i.name: i for i in system.instances}
-        system.until = self.time(decl.until, Context(scope, where), "`until`")
+        system.until = self.check_time(decl.until, Context(scope, where), "`until`")
         lost = self.shared.lost[system]
         context = self.property_context(scope, decl.name.text, instances, lost)
         unroll = Unroller(self.shared, scope, where, instances).unroll
-        properties = [self.property(p, context) for p in unroll(decl.properties)]
+        properties = [self.check_property(p, context) for p in unroll(decl.properties)]
         system.properties = tuple(p for p in properties if p is not None)
         self._enter_forces(system, decl.name.text, unroll(decl.forces))
-        system.replaces = tuple(self.replacements(unroll(decl.replaces), scope))
+        system.replaces = tuple(self.check_replacements(unroll(decl.replaces), scope))
         system.inlines = tuple((i.what.text, i.what.span) for i in unroll(decl.inlines))
         inside = [(i.name, s) for i in system.instances for s in self.settings.get(i, ())]
         pairs = [("", s) for s in unroll(decl.sets)]
         system.sets = tuple(self.sets.check_settings([*pairs, *inside], system, scope))
-        system.inputs = tuple(self.inputs(unroll(decl.inputs), context))
+        system.inputs = tuple(self.check_inputs(unroll(decl.inputs), context))
         system.externals = check_externals(self, decl, scope)
         enter_measures_and_faults(self.shared, system, decl, context, unroll(decl.faults))
 
@@ -241,12 +243,12 @@ class SystemChecker(ItemChecker):
         for force in items:
             path = force.module.text
             symbol, depth = find_instance(instances, force.module.parts)
-            whole = depth == len(force.module.parts)
+            is_instance = depth == len(force.module.parts)
             if path in forces:
-                self.shared.names.report_twice(
+                self.shared.names.report_repeated(
                     f"`{path}` is forced twice", force.module.span, forces[path][2]
                 )
-            elif whole and isinstance(symbol, typed.ModuleSymbol):
+            elif is_instance and isinstance(symbol, typed.ModuleSymbol):
                 forces[path] = (path, force.to, force.module.span)
             elif system in self.shared.damaged or symbol in self.shared.damaged:
                 self.shared.names.losses += 1
@@ -258,7 +260,7 @@ class SystemChecker(ItemChecker):
                     "M013",
                     f"`{path}` is not a module of system `{name}`",
                     force.module.span,
-                    notes=("only modules have a mode that can be forced",) if whole else (),
+                    notes=("only modules have a mode that can be forced",) if is_instance else (),
                     helps=_module_helps(instances, path)
                     or self.diagnostics.did_you_mean(path, modules, force.module.span),
                 )
@@ -266,10 +268,10 @@ class SystemChecker(ItemChecker):
 
 
 def _module_helps(instances: dict[str, typed.InstanceSymbol], node: str) -> tuple[str, ...]:
-    """Gives help for a node's name: the module that the node belongs to."""
+    """Gives, for the name of a node, a help that names the module to which the node belongs."""
     for name, instance in instances.items():
         symbol = instance.what
-        if isinstance(symbol, typed.ModuleSymbol) and node in [n.name for n in symbol.named]:
+        if isinstance(symbol, typed.ModuleSymbol) and node in [n.name for n in symbol.named_nodes]:
             return (f"it is a node of module `{name}`",)
     return ()
 
@@ -279,8 +281,8 @@ class TestChecker(SystemChecker):
 
     __test__ = False  # pytest must not collect this class
 
-    def test_signature(
-        self, decl: tree.TestDecl, scope: FileScope, full: str
+    def test_symbol_of(
+        self, decl: tree.TestDecl, scope: FileScope, full_name: str
     ) -> typed.TestSymbol | None:
         """Gives the symbol of a test with the system that it names, or None after a report."""
         if decl.system is None:
@@ -303,8 +305,8 @@ class TestChecker(SystemChecker):
             )
         if not isinstance(system, typed.SystemSymbol):
             return None
-        test = typed.TestSymbol(full, decl.name.span, system, (), None, None, ())
-        self.shared.check_later(test, decl, scope)
+        test = typed.TestSymbol(full_name, decl.name.span, system, (), None, None, ())
+        self.shared.check_body_later(test, decl, scope)
         return test
 
     def check_test_body(
@@ -312,35 +314,35 @@ class TestChecker(SystemChecker):
     ) -> None:
         """Checks properties, replacements, times, faults and inputs."""
         name = decl.name.text
-        mark = self.shared.mark()
+        mark = self.shared.damage_counts()
         context = Context(scope, f"test `{name}`")
         instances = test.system.by_name
         unroll = Unroller(self.shared, scope, f"test `{name}`", instances).unroll
-        test.skew = self.time(decl.skew, context, "`skew`")
-        test.horizon = self.time(decl.horizon, context, "`horizon`")
-        test.quantum = self.time(decl.quantum, context, "`quantum`")
-        test.replaces = tuple(self.replacements(unroll(decl.replaces), scope, in_test=True))
+        test.skew = self.check_time(decl.skew, context, "`skew`")
+        test.horizon = self.check_time(decl.horizon, context, "`horizon`")
+        test.quantum = self.check_time(decl.quantum, context, "`quantum`")
+        test.replaces = tuple(self.check_replacements(unroll(decl.replaces), scope, in_test=True))
         inside = self.property_context(scope, name, instances, self.shared.lost[test.system])
         properties = [self._test_property(p, inside, test) for p in unroll(decl.properties)]
         test.properties = tuple(p for p in properties if p is not None)
         test.faults = tuple(self._check_fault(f, context) for f in unroll(decl.faults))
-        test.inputs = tuple(self.inputs(unroll(decl.inputs), inside))
+        test.inputs = tuple(self.check_inputs(unroll(decl.inputs), inside))
         pairs = [("", s) for s in unroll(decl.sets)]
         test.order = decl.order
         stated = [self._check_stated(s, inside) for s in unroll(decl.stated)]
         test.stated = tuple(s for s in stated if s is not None)
         test.sets = tuple(self.sets.check_settings(pairs, test.system, scope))
-        if self.shared.mark() != mark or name in scope.broken:
+        if self.shared.damage_counts() != mark or name in scope.broken:
             self.shared.damaged.add(test)
 
     def _check_fault(self, item: tree.TimingFaultItem, context: Context) -> typed.FaultSymbol:
-        by = self.time(item.by, context, "`by`")
-        count = self.number_if_given(item.at_most, context, INT, "`at most`")
+        by = self.check_time(item.by, context, "`by`")
+        count = self.check_number_if_given(item.at_most, context, INT, "`at most`")
         mark_used(item.component, context.scope)
         return typed.FaultSymbol(item.kind, item.component.text, by, count, item.component.span)
 
     def _check_stated(self, item: tree.StatedValues, context: Context) -> typed.StatedSymbol | None:
-        """Checks what a test states of a topic or field; `stated_values.py` asks who publishes."""
+        """Checks values that a test states of a topic or field; its publisher is checked later."""
         mark_used(item.topic, context.scope)
         read = self.shared.check_expr(path_expr(item.topic), context)
         if has_error(read):
@@ -365,8 +367,8 @@ class TestChecker(SystemChecker):
                 helps=("list values, or leave this line out",),
             )
             return None
-        values = self.values(item, read, context, "a stand-in")
-        text = f"{item.topic.text} in {{ {', '.join(print_expr(v) for v in item.values)} }}"
+        values = self.check_values(item, read, context, "a stand-in")
+        text = f"{item.topic.text} in {{ {', '.join(expression_text(v) for v in item.values)} }}"
         return typed.StatedSymbol(item.kind, read, values, text, item.topic.span)
 
     # ------------------------------------------------------------ properties
@@ -377,8 +379,8 @@ class TestChecker(SystemChecker):
         """Checks a property of a test, `invariant(M)` and `invariants` included."""
         call = invariant_call(item, context)
         if call is None or item.kind != "always":
-            return self.property(item, context)
-        text = print_expr(call) if item.in_loop else source_line(call)
+            return self.check_property(item, context)
+        text = expression_text(call) if item.in_loop else text_on_one_line(call)
         if not isinstance(call, tree.CallExpr):
             return typed.PropertySymbol("invariant", None, None, None, text, item.span)
         path = self._module_path(call.arguments[0], context, test)
@@ -391,7 +393,7 @@ class TestChecker(SystemChecker):
     ) -> str | None:
         """Gives the instance path of the module that an argument means; None after a report."""
         instances = context.instances or {}
-        names = flat_names(argument) or []
+        names = names_of_chain(argument) or []
         symbol, depth = find_instance(instances, names)
         if names and depth == len(names) and isinstance(symbol, typed.ModuleSymbol):
             return ".".join(n.text for n in names)
@@ -399,7 +401,7 @@ class TestChecker(SystemChecker):
         if test.system in damaged or symbol in damaged or (names and names[0].text in context.lost):
             self.shared.names.losses += 1
             return None
-        text = print_expr(argument)
+        text = expression_text(argument)
         modules = [n for n, i in instances.items() if isinstance(i.what, typed.ModuleSymbol)]
         self.diagnostics.error(
             "M013",

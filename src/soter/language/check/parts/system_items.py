@@ -1,9 +1,9 @@
 """Checks items that systems and tests share, topics of the outside, and what campaigns read.
 
-Purpose: `ItemChecker` checks properties, `replace` and inputs; `SettingReader` `set` of the system,
-of an instance by its path, or in an instance's braces; functions check `external topic`, `measure`
-and `faults { ... }`. Names in paths count as used.
-Non-goals: whose value holds in the end, numbers (`language/elaborate/`); instances (`system.py`).
+Purpose: `ItemChecker` checks properties, `replace` and inputs. `SettingChecker` checks `set` of the
+system, of an instance by its path, and in an instance's braces. Functions check `external topic`,
+`measure` and `faults { ... }`. Names in paths count as used.
+Non-goals: which of two settings counts, numbers (`language/elaborate/`); instances (`system.py`).
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from soter.language.check.checker_interface import Context
 from soter.language.check.dots_and_brackets import find_instance
 from soter.language.check.expression_base import CheckerPart, has_error, unless_error, with_article
 from soter.language.check.operators_and_choices import MAX_CHOICES
-from soter.language.check.unknown_names import is_driven
+from soter.language.check.unknown_names import is_published_or_driven
 from soter.language.model import typed
 from soter.language.model.types import BOOL, DURATION, FLOAT, INT, has_list, is_vector_part
 from soter.language.syntax import tree
-from soter.language.syntax.printer import print_expr
+from soter.language.syntax.printer import expression_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     Replaced = tuple[str, typed.NodeSymbol | typed.PlantSymbol | typed.ByContract, Span]
 
 
-class SettingReader(CheckerPart):
+class SettingChecker(CheckerPart):
     """Checks the `set` items of systems and tests."""
 
     def check_settings(
@@ -41,7 +41,7 @@ class SettingReader(CheckerPart):
         system: typed.SystemSymbol,
         scope: FileScope,
     ) -> list[typed.SetSymbol]:
-        """Checks `set` items, each with the instance whose braces hold it or ""; N002 if twice."""
+        """Checks `set` items, each with the instance whose braces have it, or ""; reports N002."""
         setting_by_key: dict[tuple[str, typed.ParamSymbol], typed.SetSymbol] = {}
         for home, item in items:
             symbol = self._check_setting(home, item, system, scope)
@@ -51,7 +51,7 @@ class SettingReader(CheckerPart):
             first = setting_by_key.setdefault(key, symbol)
             if first is not symbol:
                 name = f"{symbol.path}.{item.param.parts[-1].text}".lstrip(".")
-                self.shared.names.report_twice(f"`{name}` is set twice", symbol.span, first.span)
+                self.shared.names.report_repeated(f"`{name}` is set twice", symbol.span, first.span)
         return list(setting_by_key.values())
 
     def _check_setting(
@@ -76,7 +76,7 @@ class SettingReader(CheckerPart):
         param = self.referred_symbol(ref, scope, "parameter", typed.ParamSymbol)
         if param is None:
             return None
-        value = self.shared.constant(item.value, scope, param.type, f"the value of `{ref.text}`")
+        value = self.shared.const_value(item.value, scope, param.type, f"the value of `{ref.text}`")
         if value is None:
             return None
         return typed.SetSymbol(path, param, value, item.param.span)
@@ -119,7 +119,7 @@ def enter_measures_and_faults(
     inside: Context,
     faults: list[tree.SystemFault],
 ) -> None:
-    """Fills in the measures and faults of a system; `inside` is the context of its properties."""
+    """Fills in a system's checked measures and faults; `inside` is the context of properties."""
     system.measures = tuple(_check_measures(shared, decl.measures, inside))
     place = Context(inside.scope, f"the faults of `{decl.name.text}`")
     system.faults = tuple(_check_fault(shared, f, place) for f in faults)
@@ -131,12 +131,12 @@ def _check_measures(
     """Yields the checked measures, which are numbers with different names."""
     seen: dict[str, Span] = {}
     place = Context(context.scope, "a measure")
-    number = shared.number
+    number = shared.check_number
     for item in items:
         first = seen.setdefault(item.name.text, item.name.span)
         if first is not item.name.span:
             message = f"measure `{item.name.text}` is said twice"
-            shared.names.report_twice(message, item.name.span, first)
+            shared.names.report_repeated(message, item.name.span, first)
         value = shared.check_expr(item.value, context, FLOAT)
         parts = (
             number(item.interval.low, place, FLOAT, "the range of a histogram"),
@@ -154,7 +154,7 @@ def _check_fault(
     wanted = DURATION if item.kind in {"late", "overrun"} else FLOAT
 
     def checked(e: tree.SyntaxExpr | None, subject: str, t: Type) -> typed.TypedExpr | None:
-        return None if e is None else unless_error(shared.number(e, context, t, subject))
+        return None if e is None else unless_error(shared.check_number(e, context, t, subject))
 
     if item.target is not None:
         mark_used(item.target, context.scope)
@@ -172,7 +172,7 @@ def _check_fault(
 
 
 def mark_used(path: tree.DottedPath, scope: FileScope) -> None:
-    """Marks the names of a path as used, which a test replaces or disturbs."""
+    """Marks the names of a path, of something that a test replaces or disturbs, as used."""
     for part in path.parts:
         if part.text in scope.entries:
             scope.entries[part.text].used = True
@@ -185,13 +185,13 @@ class ItemChecker(CheckerPart):
 
     def __init__(self, shared: Shared) -> None:
         super().__init__(shared)
-        self.sets = SettingReader(shared)
+        self.sets = SettingChecker(shared)
 
-    def time(
+    def check_time(
         self, expr: tree.SyntaxExpr | None, context: Context, subject: str
     ) -> typed.TypedExpr | None:
-        """The typed expression of a time, whose value each system computes; None without one."""
-        return self.number_if_given(expr, context, DURATION, subject)
+        """Gives the typed expression of a time, which each system computes; None without `expr`."""
+        return self.check_number_if_given(expr, context, DURATION, subject)
 
     def property_context(
         self,
@@ -212,12 +212,14 @@ class ItemChecker(CheckerPart):
             lost=lost,
         )
 
-    def property(self, item: tree.PropertyItem, context: Context) -> typed.PropertySymbol | None:
+    def check_property(
+        self, item: tree.PropertyItem, context: Context
+    ) -> typed.PropertySymbol | None:
         """Checks a property that consists of one or two expressions."""
         if invariant_call(item, context) is not None:
             self.diagnostics.error(
                 "E012",
-                f"`{source_line(item.condition)}` can only be asked by a test, with `always`",
+                f"`{text_on_one_line(item.condition)}` can only be asked by a test, with `always`",
                 item.condition.span,
                 notes=("it speaks about the time since the decision module last looked",),
                 helps=("write it in a `test` block: `always invariant(M);`, `always invariants;`",),
@@ -226,16 +228,16 @@ class ItemChecker(CheckerPart):
         check = self.shared.check_expr
         premise = check(item.premise, context, BOOL) if item.premise else None
         condition = check(item.condition, context, BOOL)
-        within = self.time(item.within, Context(context.scope, context.where), "`within`")
+        within = self.check_time(item.within, Context(context.scope, context.where), "`within`")
         if has_error(condition) or (premise is not None and has_error(premise)):
             return None
-        read = print_expr if item.in_loop else source_line
-        whole = _property_text(item) if item.in_loop else ""
+        read = expression_text if item.in_loop else text_on_one_line
+        text = _property_text(item) if item.in_loop else ""
         asks = read(item.premise) if item.premise else ""
         parts = (item.kind, premise, condition, within, read(item.condition), item.span)
-        return typed.PropertySymbol(*parts, whole=whole, asks=asks)
+        return typed.PropertySymbol(*parts, whole=text, asks=asks)
 
-    def _replace_by_contract(
+    def _enter_contract_as_replacement(
         self, item: tree.Replace, replacements: list[Replaced], *, in_test: bool
     ) -> None:
         """Checks `replace M by contract;`, which only tests may have."""
@@ -251,14 +253,14 @@ class ItemChecker(CheckerPart):
             helps=("write it in a `test` block, or name a node",),
         )
 
-    def replacements(
+    def check_replacements(
         self, items: list[tree.Replace], scope: FileScope, *, in_test: bool = False
     ) -> list[Replaced]:
         """Checks `replace A by B;`; gives what is replaced, by what, and where."""
         replacements: list[Replaced] = []
         for item in items:
             if item.by.text == "contract" and "contract" not in scope.entries:
-                self._replace_by_contract(item, replacements, in_test=in_test)
+                self._enter_contract_as_replacement(item, replacements, in_test=in_test)
                 mark_used(item.what, scope)
                 continue
             entry = self.shared.names.find_ref(scope, item.by)
@@ -275,11 +277,13 @@ class ItemChecker(CheckerPart):
             mark_used(item.what, scope)
         return replacements
 
-    def inputs(self, items: list[tree.DriveInput], context: Context) -> list[typed.InputSymbol]:
+    def check_inputs(
+        self, items: list[tree.DriveInput], context: Context
+    ) -> list[typed.InputSymbol]:
         """Checks `input t [in { values }] every d;`: each names an input topic, once."""
         input_by_topic: dict[typed.TopicSymbol, typed.InputSymbol] = {}
         for item in items:
-            every = self.time(item.every, Context(context.scope, context.where), "`every`")
+            every = self.check_time(item.every, Context(context.scope, context.where), "`every`")
             name = item.topic.parts[0]
             if len(item.topic.parts) == 1 and name.text not in context.scope.entries:
                 declared = f"declare it: `input topic {name.text}: float in [-1.0, 1.0];`"
@@ -292,12 +296,12 @@ class ItemChecker(CheckerPart):
             if item.values == ():
                 self._report_no_values(item)
                 continue
-            values = self.values(item, read, context, "an input")
+            values = self.check_values(item, read, context, "an input")
             if not isinstance(read, typed.TopicRead) or not read.topic.input:
                 self._report_no_input(item, read, context.scope)
             elif read.topic in input_by_topic:
                 first = input_by_topic[read.topic].span
-                self.shared.names.report_twice(
+                self.shared.names.report_repeated(
                     f"`{item.topic.text}` is drawn twice", item.topic.span, first
                 )
             elif not item.values and has_list(read.type):
@@ -314,17 +318,17 @@ class ItemChecker(CheckerPart):
                 )
         return list(input_by_topic.values())
 
-    def values(
+    def check_values(
         self,
         item: tree.DriveInput | tree.StatedValues,
         read: typed.TypedExpr,
         context: Context,
         of: str,
     ) -> tuple[typed.TypedExpr, ...]:
-        """Checks the values of an input or a stand-in, which messages call `of`."""
+        """Checks the values of an input or a stand-in; `of` is what messages call it."""
         place = Context(context.scope, f"the value of {of}")
         because = (item.topic.span, f"this is {with_article(read.type)}")
-        number = self.shared.number
+        number = self.shared.check_number
         values = [
             number(v, place, read.type, f"the value of {of}", because) for v in item.values or ()
         ]
@@ -355,7 +359,7 @@ class ItemChecker(CheckerPart):
         name = item.topic.parts[-1].text
         help_ = (
             "leave this line out: a plant or a node of the program publishes it"
-            if topic and is_driven([e.decl for e in scope.entries.values()], name)
+            if topic and is_published_or_driven([e.decl for e in scope.entries.values()], name)
             else f"declare it `input topic {name}`"
         )
         self.diagnostics.error(
@@ -377,20 +381,20 @@ def path_expr(path: tree.DottedPath) -> tree.SyntaxExpr:
     return expr
 
 
-def source_line(expr: tree.SyntaxExpr) -> str:
+def text_on_one_line(expr: tree.SyntaxExpr) -> str:
     """Gives the text of an expression on one line."""
     return " ".join(expr.span.text.split())
 
 
 def _property_text(item: tree.PropertyItem) -> str:
-    within = f" within {source_line(item.within)}" if item.within is not None else ""
+    within = f" within {text_on_one_line(item.within)}" if item.within is not None else ""
     if item.premise is not None:
-        return f"{print_expr(item.premise)} leadsto {print_expr(item.condition)}{within}"
-    return f"{item.kind} {print_expr(item.condition)}{within}"
+        return f"{expression_text(item.premise)} leadsto {expression_text(item.condition)}{within}"
+    return f"{item.kind} {expression_text(item.condition)}{within}"
 
 
 def invariant_call(item: tree.PropertyItem, context: Context) -> tree.SyntaxExpr | None:
-    """Gives the condition if it is `invariant(M)` or `invariants`, as no declaration is called."""
+    """Gives the condition if it is `invariant(M)` or `invariants`, with no such declared name."""
     e = item.condition
     if isinstance(e, tree.CallExpr) and isinstance(e.callee, tree.NameExpr):
         asked = e.callee.name.text == "invariant" and len(e.arguments) == 1
@@ -410,9 +414,9 @@ def check_externals(
     context = Context(scope, f"system `{decl.name.text}`")
     external_by_topic: dict[typed.TopicSymbol, typed.ExternalSymbol] = {}
     for item in decl.externals:
-        at = shared.topic_path(item.topic, scope)
-        every = checker.time(item.every, context, "`every`")
-        delayed = checker.time(item.delayed, context, "`delayed`")
+        at = shared.topic_of_path(item.topic, scope)
+        every = checker.check_time(item.every, context, "`every`")
+        delayed = checker.check_time(item.delayed, context, "`delayed`")
         if at is None:
             continue
         topic, below, _ = at
@@ -442,8 +446,8 @@ def _check_errors(
     """Yields the checked errors of a topic's leaves, of which each may have one."""
     taken: list[tuple[tuple[str, ...], Span]] = []
     for path, bound in item.measured:
-        within = shared.number(bound, context, FLOAT, "the bound of an error")
-        at = shared.topic_path(path, context.scope)
+        within = shared.check_number(bound, context, FLOAT, "the bound of an error")
+        at = shared.topic_of_path(path, context.scope)
         if at is None:
             continue
         named, below, t = at
@@ -464,7 +468,7 @@ def _check_errors(
             )
         elif first is not None:
             message = f"the error of `{path.span.text}` is given twice"
-            shared.names.report_twice(message, path.span, first)
+            shared.names.report_repeated(message, path.span, first)
         elif not has_error(within):
             yield typed.MeasuredSymbol(topic, below, within, path.span)
         taken.append((below, path.span))

@@ -1,7 +1,7 @@
 """Checks `verify` blocks: names, types and constants of what `soter verify` needs.
 
 Purpose: turns grids, abstractions, commands and times into a `TypedVerifyBlock`.
-Non-goals: values of the numbers (`make_modules.py`), whether they determine a problem (`verify/`).
+Non-goals: values of the numbers (`make_modules.py`), whether a proof can use them (`verify/`).
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from soter.language.check.checker_interface import Context, names_mentioned
-from soter.language.check.dots_and_brackets import hint_to_one_number, part_and_type
+from soter.language.check.dots_and_brackets import hint_to_one_number, path_and_type
 from soter.language.check.expression_base import CheckerPart, has_error
 from soter.language.model import typed
 from soter.language.model.types import BOOL, DURATION, FLOAT, INT, FloatType
@@ -35,7 +35,7 @@ class VerifyChecker(CheckerPart):
         """Fills in `module.verify`, and the subscriptions of a synthesized SC."""
         block = module.verify = typed.TypedVerifyBlock(span=verify.span)
         self._check_times(block, verify, scope)
-        self._check_sets(module, verify, scope)
+        self._check_axes_and_abstractions(module, verify, scope)
         block.views = tuple(self._check_views(module, verify, scope))
         block.commands = tuple(self._check_commands(module, verify, scope))
         if verify.core is not None:
@@ -54,7 +54,7 @@ class VerifyChecker(CheckerPart):
                 typed.Subscribed(t, None, "drop_oldest", verify.span) for t in dict.fromkeys(topics)
             )
 
-    def _check_sets(
+    def _check_axes_and_abstractions(
         self, module: typed.ModuleSymbol, where: tree.VerifyBlock | tree.View, scope: FileScope
     ) -> None:
         """Checks the abstractions and groups in `where`, and enters them in `module.verify`."""
@@ -71,9 +71,9 @@ class VerifyChecker(CheckerPart):
         block = module.verify
         seen: dict[str, Span] = {}
         for view in verify.views:
-            self.shared.names.is_first(view.name, seen)
+            self.shared.names.enter_if_new(view.name, seen)
             module.verify = replace(block, abstracts=(), groups=(), span=view.span)
-            self._check_sets(module, view, scope)
+            self._check_axes_and_abstractions(module, view, scope)
             yield typed.ViewSymbol(view.name.text, module.verify, view.span)
         module.verify = block
 
@@ -82,30 +82,32 @@ class VerifyChecker(CheckerPart):
     ) -> None:
         context = Context(scope, "a `verify` block")
 
-        def time(expr: tree.SyntaxExpr | None, subject: str) -> typed.TypedExpr | None:
-            return self.number_if_given(expr, context, DURATION, subject)
+        def typed_time(expr: tree.SyntaxExpr | None, subject: str) -> typed.TypedExpr | None:
+            return self.check_number_if_given(expr, context, DURATION, subject)
 
-        block.horizon = time(verify.horizon, "`horizon`")
-        block.acts_least = time(verify.acts_least, "the least time of `acts within`")
-        block.acts = time(verify.acts, "`acts within`")
-        block.recover = time(verify.recover, "`recover within`")
+        block.horizon = typed_time(verify.horizon, "`horizon`")
+        block.acts_least = typed_time(verify.acts_least, "the least time of `acts within`")
+        block.acts = typed_time(verify.acts, "`acts within`")
+        block.recover = typed_time(verify.recover, "`recover within`")
         block.stays = verify.stays
-        block.dropout = time(verify.dropout, "`dropout`")
-        block.age = time(verify.age, "`age`")
+        block.dropout = typed_time(verify.dropout, "`dropout`")
+        block.age = typed_time(verify.age, "`age`")
 
-        def times(word: str, delays: tree.Delays | None) -> list[typed.TypedExpr | None]:
+        def dm_and_sc_times(word: str, delays: tree.Delays | None) -> list[typed.TypedExpr | None]:
             nodes = {} if delays is None else self._times_by_node(word, delays)
-            time_by_node = {n: time(e, f"`{word} {n}`") for n, e in nodes.items()}
+            time_by_node = {n: typed_time(e, f"`{word} {n}`") for n, e in nodes.items()}
             setattr(block, f"{word}_of", {n: e for n, e in time_by_node.items() if e is not None})
             roles = (None, None) if delays is None else (delays.dm, delays.sc)
-            return [time(e, f"`{word} {r}`") for r, e in zip(("dm", "sc"), roles, strict=True)]
+            return [
+                typed_time(e, f"`{word} {r}`") for r, e in zip(("dm", "sc"), roles, strict=True)
+            ]
 
-        block.late_dm, block.late_sc = times("late", verify.late)
-        block.response_dm, block.response_sc = times("response", verify.response)
-        block.levels = self.number_if_given(verify.levels, context, INT, "`levels`")
+        block.late_dm, block.late_sc = dm_and_sc_times("late", verify.late)
+        block.response_dm, block.response_sc = dm_and_sc_times("response", verify.response)
+        block.levels = self.check_number_if_given(verify.levels, context, INT, "`levels`")
 
     def _times_by_node(self, word: str, delays: tree.Delays) -> dict[str, tree.SyntaxExpr]:
-        """Gives node name -> its time; `soter verify` checks whether a system has such a node."""
+        """Gives node name -> the time of the node; `soter verify` checks if the node exists."""
         expr_by_node: dict[str, tree.SyntaxExpr] = {}
         for path, expr in delays.nodes:
             if path.text in expr_by_node:
@@ -156,7 +158,7 @@ class VerifyChecker(CheckerPart):
         verify: tree.VerifyBlock | tree.View,
         scope: FileScope,
     ) -> typed.TypedGridAxis | None:
-        number = self.shared.number
+        number = self.shared.check_number
         context = Context(scope, "a `verify` block")
         low = number(item.interval.low, context, FLOAT, "a bound")
         high = number(item.interval.high, context, FLOAT, "a bound")
@@ -164,7 +166,7 @@ class VerifyChecker(CheckerPart):
         end = None
         if item.open is not None:
             end = number(item.open, context, FLOAT, "the end of an open axis")
-        place = self._axis_place(module, item.path, verify, scope)
+        place = self._place_of_axis(module, item.path, verify, scope)
         if place is None or has_error(low, high):
             return None
         if has_error(*(e for e in (cells, end) if e is not None)):
@@ -192,14 +194,14 @@ class VerifyChecker(CheckerPart):
         )
         return None
 
-    def _axis_place(
+    def _place_of_axis(
         self,
         module: typed.ModuleSymbol,
         path: tree.DottedPath,
         verify: tree.VerifyBlock | tree.View,
         scope: FileScope,
     ) -> tuple[Place, Type] | None:
-        """The leaf, of a plant's state or a topic, that an axis names, and its type; or None."""
+        """Gives the place in a topic or plant state that an axis names, and its type; or None."""
         first = path.parts[0].text
         plants = {link.name: link.plant for link in module.verify.abstracts}
         if first not in plants and any(
@@ -209,16 +211,16 @@ class VerifyChecker(CheckerPart):
         if not plants and first not in scope.entries and first not in scope.imports:
             plants = self._plants_in_systems_with(module)
         if first in plants:
-            return self._state_place(path, plants[first], scope)
-        topic = self.shared.topic_path(path, scope)
+            return self._place_of_state(path, plants[first], scope)
+        topic = self.shared.topic_of_path(path, scope)
         if topic is None:
             return None
         return (topic[0], topic[1], None), topic[2]
 
-    def _state_place(
+    def _place_of_state(
         self, path: tree.DottedPath, plant: typed.PlantSymbol, scope: FileScope
     ) -> tuple[Place, Type] | None:
-        below = part_and_type(self.shared, plant.truth, path.parts, scope, plant)
+        below = path_and_type(self.shared, plant.truth, path.parts, scope, plant)
         return None if below is None else ((None, below[0], plant), below[1])
 
     def _plants_in_systems_with(self, module: typed.ModuleSymbol) -> dict[str, typed.PlantSymbol]:
@@ -240,12 +242,12 @@ class VerifyChecker(CheckerPart):
     def _check_commands(
         self, module: typed.ModuleSymbol, verify: tree.VerifyBlock, scope: FileScope
     ) -> list[typed.TypedCommandSet]:
-        number = self.shared.number
+        number = self.shared.check_number
         context = Context(scope, "a `verify` block")
         command_sets: dict[AxisKey, typed.TypedCommandSet] = {}
         for item in verify.commands:
             values = [number(v, context, FLOAT, "a command") for v in item.values]
-            place = self.shared.topic_path(item.path, scope)
+            place = self.shared.topic_of_path(item.path, scope)
             if place is None or has_error(*values):
                 continue
             topic, path, t = place
@@ -289,12 +291,12 @@ class VerifyChecker(CheckerPart):
         parts: tuple[tree.Abstraction, ...],
         scope: FileScope,
     ) -> list[typed.AbstractionLink]:
-        """Checks `abstracts d by along: Axis = e`; each system that has `d` must know `e`."""
+        """Checks `abstracts d by along: Axis = e`; in each system with `d`, `e` must be right."""
         links: list[typed.AbstractionLink] = []
-        homes = self._module_contexts(module, instance, scope)
+        homes = self._contexts_of_systems_with(module, instance, scope)
         names: dict[str, Span] = {}
         for part in parts:
-            self.shared.names.is_first(part.name, names)
+            self.shared.names.enter_if_new(part.name, names)
             plant = self.referred_symbol(part.plant, scope, "plant", typed.PlantSymbol)
             value = None
             for context in homes:
@@ -302,7 +304,7 @@ class VerifyChecker(CheckerPart):
                 checked = self.shared.check_expr(part.value, context, wanted)
                 value = value or (None if has_error(checked) else checked)
             if not homes:
-                self._mark_used(part.value, scope)
+                self._mark_names_used(part.value, scope)
             if plant is not None:
                 links.append(
                     typed.AbstractionLink(
@@ -311,10 +313,10 @@ class VerifyChecker(CheckerPart):
                 )
         return links
 
-    def _module_contexts(
+    def _contexts_of_systems_with(
         self, module: typed.ModuleSymbol, instance: tree.Name, scope: FileScope
     ) -> list[Context]:
-        """A context in each system with module and instance; M013 if none has the instance."""
+        """Gives a context for each system with both; reports M013 if none has the instance."""
         contexts: list[Context] = []
         lacking: list[tuple[typed.SystemSymbol, dict[str, typed.InstanceSymbol]]] = []
         for home in self.shared.names.scopes:
@@ -344,10 +346,10 @@ class VerifyChecker(CheckerPart):
             )
         return contexts
 
-    def _mark_used(self, expr: tree.SyntaxExpr, scope: FileScope) -> None:
+    def _mark_names_used(self, expr: tree.SyntaxExpr, scope: FileScope) -> None:
         """Marks as used the names in an expression that cannot be checked."""
         for qualifier, name, _ in names_mentioned(expr):
             if qualifier is not None and qualifier in scope.imports:
                 scope.used_imports.add(qualifier)
             elif qualifier is None:
-                self.shared.names.find(scope, name)
+                self.shared.names.find_entry(scope, name)

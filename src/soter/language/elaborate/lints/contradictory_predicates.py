@@ -1,8 +1,8 @@
 """Warns of a module whose predicates, as written, contradict each other.
 
-Purpose: W013 with a witness: allowed values of the topics at which `ttf` and `safer` both hold, or
-which show that the two are exchanged or that one says the opposite. It tries a few hundred values,
-preferring the numbers in the predicates and those between them.
+Purpose: warns W013, with allowed values of topics at which `ttf` and `safer` both hold, or which
+show that the two are exchanged or that one is negated. It tries a few hundred values, most of them
+numbers in the predicates and between these.
 Non-goals: a proof that there is no such state (`soter verify`: P3); predicates that read ages,
 times or modes; states that the plant never reaches.
 """
@@ -21,11 +21,11 @@ from soter.language.evaluate.predicates import PredicateEvaluator
 from soter.language.evaluate.statements import Evaluator
 from soter.language.model import typed
 from soter.language.model.tree_walk import (
+    are_same_expression,
     children,
     conjuncts,
     disjuncts,
     nodes,
-    same_expression,
     topic_reads,
 )
 from soter.language.model.types import (
@@ -67,9 +67,9 @@ def cached_trials(system: System, module: Module) -> list[Trial]:
     if symbol.ttf is None or symbol.safer is None:
         return []
     predicates = (symbol.ttf, symbol.safer, symbol.safe)
-    if not read_only_topics(predicates):
+    if not read_nothing_but_topics(predicates):
         return []
-    indices = tried_topics(module)
+    indices = indices_of_tried_topics(module)
     if sum(leaf_count(system.topics[i].type) for i in indices) > LEAVES_MAX:
         return []
     known = system.program.trials
@@ -80,7 +80,7 @@ def cached_trials(system: System, module: Module) -> list[Trial]:
 
 
 def _key_of_trials(system: System, module: Module, indices: Sequence[int]) -> tuple[object, ...]:
-    """Gives a key of all that a module's trials depend on, so that systems can share them."""
+    """Gives a key made of all that a module's trials depend on; systems of one key share them."""
     place = {index: k for k, index in enumerate(indices)}
     wires = ((t, place.get(i)) for t, i in module.scope.topics.items() if i in place)
     of_topics = ((t.type, t.bounds, t.default) for t in (system.topics[i] for i in indices))
@@ -106,11 +106,11 @@ def warn_of_contradictions(
             helps=(exchange(ttf.span, safer.span, "exchange the two conditions"),),
         )
         return True
-    both = [t for t in trials if t[0] and t[1]]
-    if both and _warn_of_negated_predicate(symbol, trials, diagnostics):
+    overlaps = [t for t in trials if t[0] and t[1]]
+    if overlaps and _warn_of_negated_predicate(symbol, trials, diagnostics):
         return True
-    if both and (_share_a_comparison(ttf, safer) or same_expression(safer, symbol.safe)):
-        where = values_text(system, tried_topics(module), both[0][3])
+    if overlaps and (_share_a_comparison(ttf, safer) or are_same_expression(safer, symbol.safe)):
+        where = text_of_values(system, indices_of_tried_topics(module), overlaps[0][3])
         diagnostics.warning(
             "W013",
             f"`ttf` and `safer` of module `{symbol.name}` can both hold",
@@ -125,7 +125,7 @@ def warn_of_contradictions(
 
 
 def _are_exchanged(trials: Sequence[Trial]) -> bool:
-    """Whether `ttf` and `safer` have exchanged roles, where `safe` holds and where it is lost."""
+    """Whether `ttf` and `safer` seem exchanged, both where `safe` holds and where it is lost."""
     lost = [t for t in trials if not t[2]]
     turned = bool(lost) and all(s and not f for f, s, _, _ in lost)
     return turned and any(f and not s for f, s, held, _ in trials if held)
@@ -168,7 +168,7 @@ def _warn_of_negated_predicate(
 
 
 def negated_text(e: typed.TypedExpr) -> str:
-    """Source text of the negation of `e`."""
+    """Gives the source text of the negation of `e`."""
     if isinstance(e, typed.TypedUnary) and e.op == "!":
         return e.operand.span.text
     if isinstance(e, typed.TypedBinary) and e.op in TURNED:
@@ -176,14 +176,14 @@ def negated_text(e: typed.TypedExpr) -> str:
     return f"!({e.span.text})"
 
 
-def tried_topics(module: Module) -> list[int]:
+def indices_of_tried_topics(module: Module) -> list[int]:
     """Gives the indices of topics that get tried values, in the order of a trial's values."""
     symbol, topics = module.symbol, module.scope.topics
     written = [e for e in (symbol.ttf, symbol.safer, symbol.safe) if e is not None]
     return sorted({topics[t] for t in topic_reads(*written) if t in topics})
 
 
-def read_only_topics(predicates: Sequence[typed.TypedExpr]) -> bool:
+def read_nothing_but_topics(predicates: Sequence[typed.TypedExpr]) -> bool:
     """Whether predicates read topic values alone: no ages, times, modes, externs or choices."""
     late = (typed.AgeRead, typed.TimeRead, typed.ModeRead, typed.MarginRead, typed.TypedChoose)
     return not any(
@@ -193,7 +193,7 @@ def read_only_topics(predicates: Sequence[typed.TypedExpr]) -> bool:
 
 
 def _share_a_comparison(ttf: typed.TypedExpr, safer: typed.TypedExpr) -> bool:
-    """Whether both compare one expression with constants; then a gap must lie between these."""
+    """Whether both compare one expression with constants, which must then leave a gap."""
     parts = {_text_without_constants(p) for p in disjuncts(ttf)}
     return any(_text_without_constants(p) in parts for p in conjuncts(safer))
 
@@ -237,7 +237,7 @@ def trials_of_predicates(
     system: System, module: Module, predicates: Sequence[typed.TypedExpr], indices: list[int]
 ) -> list[Trial]:
     """Gives (ttf, safer, safe, values) for many values of the topics, except those that fault."""
-    numbers = numbers_in(predicates)
+    numbers = numbers_to_try(predicates)
     draw = random.Random(0)  # noqa: S311 - values to try, always the same
     settings: dict[str, Any] = {"budget": BUDGET, "topics": module.scope.topics}
     plain = Evaluator(module.scope.params, **settings)
@@ -256,7 +256,7 @@ def trials_of_predicates(
                 decides = p is module.symbol.ttf or p is module.symbol.safer
                 evaluator = deciding if decides else plain
                 held.append(bool(evaluator.value(p, env)))
-                left -= evaluator.spent
+                left -= evaluator.operations_spent
         except StepFault:
             continue
         except BudgetExceeded:
@@ -267,7 +267,7 @@ def trials_of_predicates(
     return trials
 
 
-def numbers_in(predicates: Sequence[typed.TypedExpr]) -> list[float]:
+def numbers_to_try(predicates: Sequence[typed.TypedExpr]) -> list[float]:
     """Gives the numbers in the predicates, the middles between neighbours, and their negatives."""
     literals = [n.value for n in _all_nodes(predicates) if isinstance(n, typed.Literal)]
     constants = {float(v) for v in literals if isinstance(v, (int, float)) and abs(v) < 1e12}
@@ -277,17 +277,17 @@ def numbers_in(predicates: Sequence[typed.TypedExpr]) -> list[float]:
 
 def _value_drawer(topic: Topic, numbers: list[float], draw: random.Random) -> Callable[[], Value]:
     """Gives a function that draws a topic's value: half numbers of predicates, half uniform."""
-    if not _has_no_list(topic.type):
+    if not _is_without_lists(topic.type):
         return lambda: topic.default
     far = 2.0 * max(10.0, *(abs(n) for n in numbers))
     bounds = iter(topic.bounds)
 
-    def scalar(t: Type) -> Callable[[], Value]:
+    def scalar_drawer(t: Type) -> Callable[[], Value]:
         bound = next(bounds)
         low, high = (-far, far) if bound is None else (bound.low, bound.high)
         near = [n for n in numbers if low <= n <= high]
 
-        def number() -> float:
+        def drawn_number() -> float:
             return draw.choice(near) if near and draw.random() < 0.5 else draw.uniform(low, high)
 
         if isinstance(t, BoolType):
@@ -295,34 +295,34 @@ def _value_drawer(topic: Topic, numbers: list[float], draw: random.Random) -> Ca
         if isinstance(t, EnumType):
             return lambda: draw.randrange(len(t.members))
         if isinstance(t, IntType):
-            return lambda: min(max(round(number()), t.low), t.high)
-        return number
+            return lambda: min(max(round(drawn_number()), t.low), t.high)
+        return drawn_number
 
-    def whole(t: Type) -> Callable[[], Value]:
+    def drawer(t: Type) -> Callable[[], Value]:
         if isinstance(t, RecordType):
-            parts = [whole(f) for _, f in t.fields]
+            parts = [drawer(f) for _, f in t.fields]
         elif isinstance(t, ArrayType):
-            parts = [whole(t.element) for _ in range(t.size)]
+            parts = [drawer(t.element) for _ in range(t.size)]
         elif isinstance(t, (BoolType, EnumType, FloatType, IntType)):
-            return scalar(t)
+            return scalar_drawer(t)
         else:
             return lambda: topic.default
         return lambda: tuple(part() for part in parts)
 
-    return whole(topic.type)
+    return drawer(topic.type)
 
 
-def _has_no_list(t: Type) -> bool:
+def _is_without_lists(t: Type) -> bool:
     """Whether `t` contains no list, so that every leaf has its own bound."""
     return all("[]" not in path for path, _ in leaves(t))
 
 
-def values_text(system: System, indices: Sequence[int], values: Sequence[Value]) -> str:
-    """Gives a text with the first three numbers: `motion.x` is 9.0 and `motion.v` is 0.5."""
+def text_of_values(system: System, indices: Sequence[int], values: Sequence[Value]) -> str:
+    """Gives a text of the first three numbers, as "`motion.x` is 9.0 and `motion.v` is 0.5"."""
     parts: list[str] = []
     for index, value in zip(indices, values, strict=True):
         topic = system.topics[index]
-        if not _has_no_list(topic.type):  # elements of lists have no names
+        if not _is_without_lists(topic.type):  # elements of lists have no names
             parts.append(f"`{topic.name}` has its first value")
             continue
         for (path, t), leaf in zip(leaves(topic.type), scalars_in(value), strict=False):
@@ -340,21 +340,21 @@ def scalars_in(value: Value) -> list[Value]:
 
 
 def with_scalars(values: Sequence[Value], scalars: Sequence[Value]) -> list[Value]:
-    """Gives `values` with other scalars, which stand in the order of `scalars_in`."""
+    """Gives `values` with their scalars replaced by `scalars`, in the order of `scalars_in`."""
     new_scalars = iter(scalars)
 
-    def whole(value: Value) -> Value:
-        return tuple(whole(v) for v in value) if isinstance(value, tuple) else next(new_scalars)
+    def refilled(value: Value) -> Value:
+        return tuple(refilled(v) for v in value) if isinstance(value, tuple) else next(new_scalars)
 
-    return [whole(v) for v in values]
+    return [refilled(v) for v in values]
 
 
 Holds = Callable[["Sequence[typed.TypedExpr]", "Sequence[Value]"], list[bool]]
 """(predicates, values of topics) -> whether each predicate holds; one that faults does not."""
 
 
-def predicates_at(system: System, module: Module, indices: Sequence[int]) -> Holds:
-    """Evaluates a module's predicates at values of the topics `indices`; raises BudgetExceeded."""
+def evaluator_of_predicates(system: System, module: Module, indices: Sequence[int]) -> Holds:
+    """Gives a function that evaluates predicates at values of topics; it raises BudgetExceeded."""
     evaluator = Evaluator(module.scope.params, budget=BUDGET, topics=module.scope.topics)
     topics = [t.default for t in system.topics]
     left = BUDGET
@@ -369,7 +369,7 @@ def predicates_at(system: System, module: Module, indices: Sequence[int]) -> Hol
                 held.append(bool(evaluator.value(p, env)))
             except StepFault:
                 held.append(False)
-            left -= evaluator.spent
+            left -= evaluator.operations_spent
         if left < 0:
             raise BudgetExceeded
         return held

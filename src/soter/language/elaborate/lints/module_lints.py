@@ -64,7 +64,7 @@ if TYPE_CHECKING:
 WHOLE = RecordType, ArrayType
 """Types whose parts are followed one by one."""
 TRIED_MAX = 16
-"""For how many modules of a system predicates are tried, some milliseconds each."""
+"""Most modules of a system whose predicates are tried, some milliseconds each."""
 SLOWER = 5
 """An SC with this many times AC's period is hardly the controller that acts at once."""
 PROPERTIES_MAX = 32
@@ -102,7 +102,7 @@ def warn_of_shield_groups(system: System, module: Module, diagnostics: Diagnosti
 def _rates_of_axis(
     axis: typed.TypedGridAxis, plants: Sequence[typed.PlantSymbol]
 ) -> Iterator[Leaf]:
-    """Yields the plant, the `der` or `next` of the state that an axis names, and the part of it."""
+    """Yields plant, `der` or `next`, and part of it, of each state that an axis means."""
     if axis.plant is not None:
         found = [
             (axis.plant, v, axis.path[1:]) for v in axis.plant.states if v.name == axis.path[0]
@@ -119,7 +119,7 @@ def _rates_of_axis(
 def _state_read_by(
     plant: typed.PlantSymbol, e: typed.TypedExpr, path: Path
 ) -> tuple[typed.Variable, Path] | None:
-    """Gives the state, and the part of it, that part `path` of `e` reads unchanged; or None."""
+    """Gives the state, with a path in it, that `path` of `e` reads unchanged; or None."""
     if isinstance(e, typed.VarRead):
         value = dict(plant.lets).get(e.variable)
         return (e.variable, path) if value is None else _state_read_by(plant, value, path)
@@ -128,7 +128,7 @@ def _state_read_by(
 
 
 def _source_of_part(e: typed.TypedExpr, path: Path) -> tuple[typed.TypedExpr, Path] | None:
-    """Gives the inner expression, and the part of it, that part `path` of `e` is; or None."""
+    """Gives the inner expression, with a path in it, whose part is part `path` of `e`; or None."""
     if isinstance(e, typed.TypedField) and isinstance(e.target.type, RecordType):
         return e.target, (e.target.type.fields[e.index][0], *path)
     if isinstance(e, typed.Index) and isinstance(e.index, typed.Literal):
@@ -143,7 +143,7 @@ def _source_of_part(e: typed.TypedExpr, path: Path) -> tuple[typed.TypedExpr, Pa
 def _commands_in(
     plant: typed.PlantSymbol, e: typed.TypedExpr, path: Path, outputs: Iterable[typed.TopicSymbol]
 ) -> Iterator[str]:
-    """Yields the numbers of commands (`outputs`) that part `path` of `e` certainly reads."""
+    """Yields the names of numbers in `outputs` that part `path` of `e` certainly reads."""
     parts: list[tuple[typed.TypedExpr, Path]] = []
     inner = _source_of_part(e, path)
     if isinstance(e, typed.TopicRead):
@@ -165,7 +165,7 @@ def _commands_in(
 
 
 def warn_of_doubtful_parts(system: System, diagnostics: Diagnostics) -> None:
-    """Warns of what is doubtful in plants, properties, and modules with their own controllers."""
+    """Warns of doubtful parts of plants, properties, and modules with their own controllers."""
     for component in system.components:
         warn_of_plant(system, component, diagnostics)
         _warn_of_reading_own_output(component, diagnostics)
@@ -294,7 +294,7 @@ def warn_of_ageless_topics(system: System, module: Module, diagnostics: Diagnost
     if not _runs_alone(system):
         return
     before = {system.topics[i].symbol for m in system.modules[: module.index] for i in m.inputs}
-    asked = [{n.topic for n in _age_reads(e)} for e in _ttf_and_safer(module)]
+    asked = [{n.topic for n in _age_reads(e)} for e in _written_ttf_and_safer(module)]
     aged = set.intersection(*asked) if asked else set()
     for index in module.inputs:
         topic = system.topics[index]
@@ -315,7 +315,7 @@ def warn_of_ageless_topics(system: System, module: Module, diagnostics: Diagnost
             "it has no `max_age`",
             also=((module.symbol.span, "the DM reads it"),),
             notes=("of a sensor that falls silent, or never spoke, AC keeps control",)
-            if not any(topic.symbol in of for of in asked)
+            if not any(topic.symbol in topics for topics in asked)
             else ("only one of `ttf` and `safer` looks at its age: the other one trusts it",),
             helps=helps,
         )
@@ -323,7 +323,7 @@ def warn_of_ageless_topics(system: System, module: Module, diagnostics: Diagnost
 
 def warn_of_age_units(system: System, module: Module, diagnostics: Diagnostics) -> None:
     """Warns W035 if `ttf` or `safer` compares an age with far more than it can be."""
-    for n in _comparisons(_ttf_and_safer(module)):
+    for n in _comparisons(_written_ttf_and_safer(module)):
         usual_by_topic = {
             t: t.max_age_ns or least_age_ns(system, i)
             for i in dict.fromkeys(module.scope.topics[read.topic] for read in _age_reads(n))
@@ -334,8 +334,8 @@ def warn_of_age_units(system: System, module: Module, diagnostics: Diagnostics) 
             continue
         topic, usual = next(iter(usual_by_topic)), max(known)
         ages = Range(0.0, MUCH_OLDER * usual / 1e9)
-        truth = _truth_in(module.scope, n, {"age": ages})
-        if not truth.single or _truth_in(module.scope, n, {"age": Range(0.0, math.inf)}).single:
+        truth = _truth_over(module.scope, n, {"age": ages})
+        if not truth.single or _truth_over(module.scope, n, {"age": Range(0.0, math.inf)}).single:
             continue
         label = f"no older than {show_ns(usual)}" if topic.max_age_ns else "published as often"
         diagnostics.warning(
@@ -362,7 +362,7 @@ def _age_reads(e: typed.TypedExpr) -> list[typed.AgeRead]:
     return [n for n in nodes([e]) if isinstance(n, typed.AgeRead)]
 
 
-def _ttf_and_safer(module: Module) -> list[typed.TypedExpr]:
+def _written_ttf_and_safer(module: Module) -> list[typed.TypedExpr]:
     symbol = module.symbol
     return [e for e in (symbol.ttf, symbol.safer) if e is not None]
 
@@ -437,7 +437,7 @@ def _warn_of_rarely_drawn_inputs(
 
 
 def warn_of_property_times(system: System, diagnostics: Diagnostics) -> None:
-    """Warns W026 of a comparison with `time` that does not hold before the system ends."""
+    """Warns W026 of a comparison with `time` that holds, but never before the system ends."""
     if system.until_ns is None:
         return
     for p in system.properties[:PROPERTIES_MAX]:
@@ -456,8 +456,8 @@ def _warn_of_time_after_end(
     assert system.until_ns is not None
     before, ever = Range(0.0, system.until_ns / 1e9), Range(0.0, math.inf)
     if (
-        _truth_in(p.scope, comparison, {"time": before}) != FALSE
-        or _truth_in(p.scope, comparison, {"time": ever}) == FALSE
+        _truth_over(p.scope, comparison, {"time": before}) != FALSE
+        or _truth_over(p.scope, comparison, {"time": ever}) == FALSE
     ):
         return
     diagnostics.warning(
@@ -471,18 +471,18 @@ def _warn_of_time_after_end(
     )
 
 
-def _truth_in(scope: Scope, comparison: typed.TypedExpr, ranges: Mapping[str, Range]) -> Range:
-    """Gives the truth of a comparison as a range, if `time` or `age` lies in these ranges."""
+def _truth_over(scope: Scope, comparison: typed.TypedExpr, ranges: Mapping[str, Range]) -> Range:
+    """Gives the truth of a comparison, as a range, for all `time` and `age` in `ranges`."""
 
-    def read(place: ReadPlace) -> Range:
+    def range_of_place(place: ReadPlace) -> Range:
         known = ranges[place.kind] if place.kind in ranges else all_values(place.type)
         if not isinstance(known, Range):
             raise TooHardError
         return known
 
-    evaluator = RangeEvaluator(scope, 0, read)
+    evaluator = RangeEvaluator(scope, 0, range_of_place)
     evaluator.left = BUDGET
     try:
-        return evaluator.number(comparison)
+        return evaluator.bounds(comparison)
     except TooHardError:
         return all_values(comparison.type)  # type: ignore[no-any-return]

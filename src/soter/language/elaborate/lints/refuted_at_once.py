@@ -1,4 +1,4 @@
-"""Warns, without a proof, of what a proof or a run would refute at once.
+"""Warns, without a proof, of claims that a proof or a run would refute at once.
 
 Purpose: W021 (`safe` does not hold at the start), W022 (`ttf` or `safer` is the same everywhere, or
 seems to hold only where `safe` is lost), W023 (nothing reads what the module publishes), W024 (the
@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING
 
 from soter.language.elaborate.lints.contradictory_predicates import (
     Trial,
-    predicates_at,
-    read_only_topics,
+    evaluator_of_predicates,
+    indices_of_tried_topics,
+    read_nothing_but_topics,
     scalars_in,
+    text_of_values,
     trials_of_predicates,
-    tried_topics,
-    values_text,
     with_scalars,
 )
 from soter.language.elaborate.passes.read_ages import fresh_ages_ns
@@ -47,18 +47,18 @@ RARELY = 1000
 """A DM that steps once in this many steps of its plant reacts too late; examples have 100."""
 OUTPUTS_SHOWN = 3
 PROPERTIES_MAX = 32
-"""How many properties of a system are tried, a part of a millisecond each."""
+"""Most properties of a system that are tried, a part of a millisecond each."""
 BOTH_EXPECTED = 8.0
 """W022 needs at least so many tried values that would meet both conditions if they were
 independent. If none does, values between are tried: the conditions may meet in a thin band."""
 PAIRS, HALVINGS = 24, 40
-"""How many pairs of values are joined by a search between them, and its halvings."""
+"""Between how many pairs of values a search looks, and how often it halves the way."""
 
 
 def warn_of_unsafe_start(system: System, module: Module, diagnostics: Diagnostics) -> None:
     """Warns W021 if `safe` is false at the start, at the low or the high end of all states."""
     safe = module.symbol.safe
-    if not read_only_topics([safe]):
+    if not read_nothing_but_topics([safe]):
         return
     indices = [module.scope.topics.get(t, -1) for t in topic_reads(safe)]
     evaluator = Evaluator(module.scope.params, budget=BUDGET, topics=module.scope.topics)
@@ -69,7 +69,7 @@ def warn_of_unsafe_start(system: System, module: Module, diagnostics: Diagnostic
         except (StepFault, BudgetExceeded):
             return
         if not holds:
-            where = values_text(system, indices, [topics[i] for i in indices])
+            where = text_of_values(system, indices, [topics[i] for i in indices])
             trials = trials_of_predicates(system, module, (safe, safe, safe), indices)
             nowhere = all(not t[2] for t in trials)
             values = f"at none of {len(trials)} values that were tried"
@@ -94,7 +94,7 @@ def warn_of_properties_at_start(system: System, diagnostics: Diagnostics) -> Non
 
 
 def _warn_of_property_at_start(system: System, p: Property, diagnostics: Diagnostics) -> None:
-    if not read_only_topics([p.condition]):
+    if not read_nothing_but_topics([p.condition]):
         return
     indices = [p.scope.topics.get(t, -1) for t in topic_reads(p.condition)]
     scope = p.scope
@@ -102,7 +102,7 @@ def _warn_of_property_at_start(system: System, p: Property, diagnostics: Diagnos
     topics: list[Value] = []
     for end, topics in enumerate(_topics_at_start(system, indices)):
         known = [None if c.plant is None or c.plant.extern else c for c in system.components]
-        states = [c and (*first_values(c, end).variables.values(),) for c in known]
+        states = [c and (*start_values(c, end).variables.values(),) for c in known]
         env = Environment(topics=topics, stamps=[0] * len(topics), truth=states.__getitem__)
         try:
             holds = bool(evaluator.value(p.condition, env))
@@ -112,7 +112,7 @@ def _warn_of_property_at_start(system: System, p: Property, diagnostics: Diagnos
             return
     if not topics:
         return
-    where = values_text(system, indices, [topics[i] for i in indices])
+    where = text_of_values(system, indices, [topics[i] for i in indices])
     other = "never" if p.kind == "always" else "always"
     begins = "false" if p.kind == "always" else "true"
     diagnostics.warning(
@@ -125,8 +125,8 @@ def _warn_of_property_at_start(system: System, p: Property, diagnostics: Diagnos
     )
 
 
-def first_values(c: Component, end: int, topics: list[Value] | None = None) -> Environment:
-    """Gives what a plant's code reads at the low (0) or high (1) `end` of the sets of its states.
+def start_values(c: Component, end: int, topics: list[Value] | None = None) -> Environment:
+    """Gives what a plant's code reads, each state at the low (0) or the high (1) end of its set.
 
     With `topics` its disturbances are set, too, to the middles of their ranges.
     """
@@ -142,7 +142,7 @@ def first_values(c: Component, end: int, topics: list[Value] | None = None) -> E
 
 
 def _topics_at_start(system: System, indices: Sequence[int]) -> Iterator[list[Value]]:
-    """Yields the topics at the start, with plants' states at the low and at the high ends of sets.
+    """Yields the values of topics at the start, for low ends of states' sets, then for high ends.
 
     Yields none if a topic of `indices` is driven by no plant, depends on a draw, or leaves its set.
     """
@@ -151,15 +151,15 @@ def _topics_at_start(system: System, indices: Sequence[int]) -> Iterator[list[Va
         for c in system.components:
             if c.plant is None or c.plant.extern or not {*c.writes} & {*indices}:
                 continue
-            evaluator, env = Evaluator(c.scope.params, budget=BUDGET), first_values(c, end)
-            for of, e in (*c.plant.lets, *c.plant.drives):
+            evaluator, env = Evaluator(c.scope.params, budget=BUDGET), start_values(c, end)
+            for target, e in (*c.plant.lets, *c.plant.drives):
                 with suppress(StepFault, BudgetExceeded, LookupError, TypeError, RuntimeError):
                     value = evaluator.value(e, env)  # fails where it reads more than states
-                    if isinstance(of, typed.TopicSymbol):
-                        topics[c.scope.topics[of]] = value
-                        known.add(c.scope.topics[of])
-                    elif isinstance(of, typed.Variable):
-                        env.variables[of] = value
+                    if isinstance(target, typed.TopicSymbol):
+                        topics[c.scope.topics[target]] = value
+                        known.add(c.scope.topics[target])
+                    elif isinstance(target, typed.Variable):
+                        env.variables[target] = value
         if not all(i in known and _is_in_its_set(system, i, topics[i]) for i in indices):
             return
         yield topics
@@ -205,7 +205,7 @@ def _constant_truths(
     trials: Sequence[Trial],
     predicates: tuple[typed.TypedExpr, typed.TypedExpr],
 ) -> list[bool | None]:
-    """Gives for each predicate True if it holds everywhere, False if nowhere, None if unknown."""
+    """Gives a value for each predicate: True if it always holds, False if never, else None."""
     aged = any(isinstance(n, typed.AgeRead) for n in nodes(predicates))  # no trials then
     read = reader_with_limits(system, fresh_ages_ns(system, module)) if aged else None
     return [
@@ -266,23 +266,23 @@ def _warn_of_predicate(
 def _seems_to_exclude_safe(
     system: System, module: Module, trials: Sequence[Trial], number: int
 ) -> bool:
-    """Whether `ttf` (0) or `safer` (1) holds with `safe` nowhere, though by chance it should."""
+    """Whether `ttf` (0) or `safer` (1) never holds with `safe`, though by chance it should."""
     one, other = [t for t in trials if t[number]], [t for t in trials if t[2]]
     if len(one) * len(other) < BOTH_EXPECTED * len(trials) or any(t[2] for t in one):
         return False
     predicate = (module.symbol.ttf, module.symbol.safer)[number]
     predicates = tuple(e for e in (predicate, module.symbol.safe) if e is not None)
-    asked = predicates_at(system, module, tried_topics(module))
+    asked = evaluator_of_predicates(system, module, indices_of_tried_topics(module))
     try:
         return not any(
             _hold_together_between(asked, predicates, beyond[3], inside[3])
-            for beyond, inside in zip(_some_of(one), _some_of(other), strict=False)
+            for beyond, inside in zip(_sample_of(one), _sample_of(other), strict=False)
         )
     except BudgetExceeded:
         return False
 
 
-def _some_of(trials: Sequence[Trial]) -> Sequence[Trial]:
+def _sample_of(trials: Sequence[Trial]) -> Sequence[Trial]:
     return trials[:: max(1, len(trials) // PAIRS)][:PAIRS]
 
 
@@ -294,7 +294,7 @@ def _hold_together_between(
 ) -> bool:
     """Whether two conditions both hold somewhere between `beyond` and `inside`, by halving.
 
-    The second one holds at `inside`. The ways are straight, or change one number only.
+    The second one holds at `inside`. The search goes straight, or changes one number only.
     """
     far, near = scalars_in(tuple(beyond)), scalars_in(tuple(inside))
     ends = [near, *([*far[:k], near[k], *far[k + 1 :]] for k in range(len(far)))]
@@ -328,15 +328,15 @@ def warn_of_ineffective_module(system: System, module: Module, diagnostics: Diag
     for plant in system.components:
         if plant.plant is None or not safe & {*plant.writes}:
             continue
-        if module.forced is None and not set(module.outputs) & _read_by_others(system, module):
+        if module.forced is None and not set(module.outputs) & _topics_others_read(system, module):
             _warn_of_unread_outputs(system, module, diagnostics)
             return
         if module.period_ns >= RARELY * plant.period_ns:
-            _warn_of_rare_looks(system, module, plant, diagnostics)
+            _warn_of_slow_dm(system, module, plant, diagnostics)
             return
 
 
-def _read_by_others(system: System, module: Module) -> set[int]:
+def _topics_others_read(system: System, module: Module) -> set[int]:
     """Gives the topics that plants, other DMs, and nodes other than the module's AC and SC read."""
     read = {t for other in system.modules if other.index != module.index for t in other.inputs}
     for component in system.components:
@@ -345,7 +345,7 @@ def _read_by_others(system: System, module: Module) -> set[int]:
             read |= {topics[t] for t in component.plant.reads if t in topics}
         elif component.node is not None and component.index not in (module.ac, module.sc):
             read |= {topics[s.topic] for s in component.node.subscribes if s.topic in topics}
-    return read | {of for t in read if (of := system.topics[t].queue_of) is not None}
+    return read | {source for t in read if (source := system.topics[t].queue_of) is not None}
 
 
 def _warn_of_unread_outputs(system: System, module: Module, diagnostics: Diagnostics) -> None:
@@ -362,7 +362,7 @@ def _warn_of_unread_outputs(system: System, module: Module, diagnostics: Diagnos
     )
 
 
-def _warn_of_rare_looks(
+def _warn_of_slow_dm(
     system: System, module: Module, plant: Component, diagnostics: Diagnostics
 ) -> None:
     assert plant.plant is not None
@@ -380,7 +380,7 @@ def _warn_of_rare_looks(
 
 
 def warn_of_inexact_topics(system: System, module: Module, diagnostics: Diagnostics) -> None:
-    """Warns D019 of a topic that the plant which flies publishes with more error than is proved."""
+    """Warns D019 of a topic that the flying plant publishes with a larger error than is proved."""
     verify, symbol = module.symbol.verify, module.symbol
     links = [*verify.abstracts, *(link for view in verify.views for link in view.block.abstracts)]
     evaluator = Evaluator({**module.around, **module.scope.params})

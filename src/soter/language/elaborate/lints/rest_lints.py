@@ -1,8 +1,8 @@
 """Warns of a module whose `rest`, `moves` or `within` a run of SC contradicts.
 
-Purpose: W022 of a `rest` that bounds nothing, holds where `safe` does not, or does not where SC
-brings the plants from their start; of a number whose way `moves` leaves open, or bounds too
-closely; of a `within` that is over before SC rests.
+Purpose: warns W022 of a `rest` that bounds nothing, that holds where `safe` does not, or that does
+not hold where SC brings the plants; of a number that `moves` leaves out or bounds too closely; and
+of a `within` that is over before SC rests.
 Non-goals: a proof; errors, delays, disturbances off their middle; other starts; an SC that is
 extern or keeps something; a `rest` that no values satisfy.
 """
@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any, cast
 from soter.diagnostics.diagnostic import Span
 from soter.diagnostics.fixes import replace
 from soter.language.elaborate.lints import contradictory_predicates as trials
-from soter.language.elaborate.lints.refuted_at_once import first_values
-from soter.language.evaluate.arithmetic import StepFault, zipper
+from soter.language.elaborate.lints.refuted_at_once import start_values
+from soter.language.evaluate.arithmetic import StepFault, function_on_pairs
 from soter.language.evaluate.environment import BudgetExceeded, Environment
 from soter.language.evaluate.range_evaluation import RangeEvaluator, TooHardError, all_values
 from soter.language.evaluate.statements import Evaluator
@@ -41,31 +41,33 @@ if TYPE_CHECKING:
     from soter.language.model.system import Module, System
 
     Doubt = tuple[Span, str, str, Help] | None
-    """Where, what, a label and a help."""
+    """Place, message, label and help of a doubt; None without a doubt."""
 
 STEPS, HOLDS, LATELY = 8, 400, 30
-"""Steps of integration in a period; periods of SC in a run; those in which it comes to its end."""
+"""Steps of integration in a period; periods of SC in a run; the last, which must be at rest."""
 BEGINS = None, "low", "high"
 """What acts for a period of the DM before SC: nothing, or each command at that end of its set."""
 COSTLY = 3_000
 """Operations of calls in one step of plants and SC: with more a run would take a second."""
 SETTLED, GOES_ON, FAR, TURNS = 0.01, 0.05, 1e9, 15_900 * tau
-"""Shares of a number's way: how much it moves `LATELY` where it has come to its end, or has not."""
+"""Shares of a number's way, `LATELY`: below the first it rests, above the next not; far values."""
 
 
 class _Run:
-    """A run in which SC brings the plants to rest; `begins`: one of `BEGINS`, what acts before."""
+    """A run in which SC brings the plants to rest; `begins`, of `BEGINS`, says what acts before."""
 
     def __init__(
         self, system: System, module: Module, rest: typed.RestSymbol, begins: str | None
     ) -> None:
         self.system, self.module, self.rest = system, module, rest
-        self.sc, self.own = system.components[module.sc], Evaluator.of(module.scope)
+        self.sc, self.evaluator = system.components[module.sc], Evaluator.for_scope(module.scope)
         self.topics = [t.default for t in system.topics]
         assert self.sc.node is not None
-        self.law = Evaluator.of(self.sc.scope).block(self.sc.node.step)
+        self.law = Evaluator.for_scope(self.sc.scope).compiled_block(self.sc.node.step)
         plants = [c for c in system.components if c.plant is not None]
-        self.plants = [(c, Evaluator.of(c.scope), first_values(c, 0, self.topics)) for c in plants]
+        self.plants = [
+            (c, Evaluator.for_scope(c.scope), start_values(c, 0, self.topics)) for c in plants
+        ]
         driven = [(i, system.topics[i]) for i in sorted({i for c in plants for i in c.writes})]
         self.driven = [i for i, _ in driven]
         self.bounds = {(i, k): b for i, t in driven for k, b in enumerate(t.bounds)}
@@ -85,15 +87,15 @@ class _Run:
         self.first = next((k for k, parts in enumerate(self.held) if all(parts)), None)
 
     def _numbers_read_by(self, e: typed.TypedExpr) -> list[int]:
-        """Gives the indices, among the driven numbers, of those that an expression reads."""
+        """Gives the numbers that an expression reads, as indices of all driven numbers."""
         found = set()
 
-        def read(place: ReadPlace) -> Range:
+        def range_of_place(place: ReadPlace) -> Range:
             found.add((place.index, leaf_index(self.system.topics[place.index], place.path)))
             return cast("Range", all_values(place.type))
 
         with suppress(TooHardError):
-            RangeEvaluator(self.module.scope, 0, read).number(e)
+            RangeEvaluator(self.module.scope, 0, range_of_place).bounds(e)
         return [k for k, number in enumerate(self.bounds) if number in found]
 
     def _has_come_to_rest(self) -> bool:
@@ -118,12 +120,12 @@ class _Run:
         self.after = f" after {show_ns(times * self.sc.period_ns)} of the {ends} commands"
 
     def _run_period_of_sc(self) -> None:
-        """Moves the plants for a period of SC, notes what holds then, and lets SC step."""
+        """Moves the plants for a period of SC, notes which conditions hold, and lets SC step."""
         self._move_plants(self.sc.period_ns if self.seen else 0)
         env = Environment(topics=self.topics)
-        self.held.append([bool(self.own.value(p, env)) for p, _ in self.parts])
+        self.held.append([bool(self.evaluator.value(p, env)) for p, _ in self.parts])
         self.seen.append([x for i in self.driven for x in trials.scalars_in(self.topics[i])])
-        self.lost |= not self.own.value(self.module.symbol.safe, env)
+        self.lost |= not self.evaluator.value(self.module.symbol.safe, env)
         self.law(env)
         for i, value in env.published.items():
             self.topics[i] = value
@@ -132,13 +134,13 @@ class _Run:
         """Moves the plants for this time by Euler's rule; then they publish."""
         h = duration_ns / 1e9 / STEPS
         for c, evaluator, env in self.plants:
-            code, plant = evaluator.expression, cast("typed.PlantSymbol", c.plant)
+            code, plant = evaluator.compiled, cast("typed.PlantSymbol", c.plant)
             for _ in range(STEPS):
                 env.variables.update((v, code(e)(env)) for v, e in plant.lets)
                 rates = [(v, code(e)(env)) for v, e in plant.der.items()]
                 for v, rate in rates:
                     euler: Any = lambda x, r: x + h * r  # noqa: E731
-                    env.variables[v] = zipper(v.type)(euler, env.variables[v], rate)
+                    env.variables[v] = function_on_pairs(v.type)(euler, env.variables[v], rate)
             env.variables.update((v, code(e)(env)) for v, e in plant.lets)
             for topic, e in plant.drives:
                 self.topics[c.scope.topics[topic]] = code(e)(env)
@@ -149,12 +151,12 @@ class _Run:
         was, now = [topics[i] for i in self.driven], [*last[:k], value, *last[k + 1 :]]
         for i, new in zip(self.driven, trials.with_scalars(was, now), strict=True):
             topics[i] = new
-        return bool(self.own.value(e, Environment(topics=topics)))
+        return bool(self.evaluator.value(e, Environment(topics=topics)))
 
-    # ------------------------------------------------------------ what is doubtful
+    # ------------------------------------------------------------ doubts
 
     def first_doubt(self, *, unproved: bool) -> Doubt:
-        """Gives the first doubt about `rest`; after other commands only if SC keeps `safe`."""
+        """Gives the first doubt about `rest`, or None; after commands only if SC keeps `safe`."""
         claims = [self._doubt_of_end, self._doubt_of_moves, self._doubt_of_within]
         if self.after:
             claims += [self._doubt_of_unmoved_number] * unproved
@@ -175,7 +177,7 @@ class _Run:
         return None
 
     def _doubt_of_unmoved_number(self) -> Doubt:
-        """Doubts a number that `rest` reads and that stays where the commands brought it."""
+        """Gives a doubt about a number in `rest` that stays where the commands brought it."""
         for k in self.read:
             if self.seen[0][k] != self.was[k] and len({x[k] for x in self.seen}) == 1:
                 message = f"SC does not move `{self.names[k]}`, which `rest` bounds"
@@ -184,19 +186,19 @@ class _Run:
         return None
 
     def _doubt_of_start(self) -> Doubt:
-        """Doubts `safe` if it is false where plants start and maps have their defaults."""
+        """Gives a doubt about `safe` if it is false where plants start, with default maps."""
         safe, topics = self.module.symbol.safe, [t.default for t in self.system.topics]
         values = trials.with_scalars([topics[i] for i in self.driven], self.seen[0])
         for i, value in zip(self.driven, values, strict=True):
             topics[i] = value
-        if self.own.value(safe, Environment(topics=topics)):
+        if self.evaluator.value(safe, Environment(topics=topics)):
             return None
         maps = [f"`{t.name}`" for t in topic_reads(safe) if t.static]
         help_ = f"a default of {' and '.join(maps)} that lets it hold" if maps else "another start"
         return safe.span, "`safe` is false at the start", "false of what is published first", help_
 
     def _doubt_of_bounds(self) -> Doubt:
-        """Doubts `rest` if it reads a number and holds at both ends of the number's set."""
+        """Gives a doubt about `rest` if it reads a number and holds at both ends of its set."""
         for k, bound in enumerate(self.bounds.values()):
             parts, name = [p for p, read in self.parts if k in read], self.names[k]
             ends = (-FAR, FAR) if bound is None else (bound.low, bound.high)
@@ -214,7 +216,7 @@ class _Run:
 
     def _doubt_of_safety(self) -> Doubt:
         rest, safe = self.rest.condition, self.module.symbol.safe
-        for k, x in product(self.read, trials.numbers_in((rest, safe))):
+        for k, x in product(self.read, trials.numbers_to_try((rest, safe))):
             if self._holds_with(rest, k, x) and not self._holds_with(safe, k, x):
                 label = f"true of `{self.names[k]}` = {x:.4g}, and `safe` is false there"
                 message, help_ = "`rest` holds where `safe` does not", "let it lie in `safe`"
@@ -222,9 +224,9 @@ class _Run:
         return None
 
     def _doubt_of_end(self) -> Doubt:
-        """Doubts a part of `rest` that is false where SC ends."""
+        """Gives a doubt about a part of `rest` that is false where SC ends."""
         k = next((k for k, held in enumerate(self.held[-1]) if not held), None)
-        safe = self.own.value(self.module.symbol.safe, Environment(topics=self.topics))
+        safe = self.evaluator.value(self.module.symbol.safe, Environment(topics=self.topics))
         if k is None or (safe and not self._has_come_to_rest()):
             return None
         (part, read), at = self.parts[k], self.parts[k][0].span
@@ -241,7 +243,7 @@ class _Run:
         return at, message, f"false where {values}", help_
 
     def _doubt_of_moves(self) -> Doubt:
-        """Doubts `moves` if SC moves a number further, or loses `safe` on a way left open."""
+        """Gives a doubt about `moves` if SC moves a number further, or loses `safe` without it."""
         rest, items, found, moves = self.rest, list[str](), None, {}
         for m in rest.moves:
             i = self.module.scope.topics[m.topic]
@@ -272,7 +274,7 @@ class _Run:
         return found[0], "`moves` does not bound all that SC moves", found[1], help_
 
     def _doubt_of_one_side(self) -> Doubt:
-        """Doubts a `rest` that holds at an end of a number's set, not as far beyond SC's end."""
+        """Gives a doubt about a `rest` that bounds a number on one side of where SC ends only."""
         for k, bound in enumerate(self.bounds.values()):
             parts, name = [p for p, read in self.parts if k in read], self.names[k]
             for x in (-FAR, FAR) if bound is None else (bound.low, bound.high):
@@ -287,7 +289,7 @@ class _Run:
         return None
 
     def _direction_at_end(self, k: int) -> str:
-        """Gives "up" or "down", how number `k` moves at the end of the run; "" for hardly."""
+        """Gives how number `k` moves at the end of the run: "up", "down", or "" if hardly."""
         way = [x[k] for x in self.seen]
         last = way[-1] - way[-LATELY]
         if abs(last) <= GOES_ON * (max(way) - min(way)):
@@ -295,20 +297,20 @@ class _Run:
         return "up" if last > 0.0 else "down"
 
     def _directions_that_lose_safe(self, k: int) -> list[str]:
-        """Gives the directions in which number `k`, going far, loses `safe` and no turn does."""
+        """Gives the directions in which number `k`, far away or turned often, loses `safe`."""
         safe, ways = self.module.symbol.safe, (("down", -1.0), ("up", 1.0))
         ends = ((w, (x * FAR, self.seen[-1][k] + x * TURNS)) for w, x in ways)
-        return [w for w, of in ends if not any(self._holds_with(safe, k, x) for x in of)]
+        return [w for w, places in ends if not any(self._holds_with(safe, k, x) for x in places)]
 
     def _excess_over_moves(self, k: int, move: typed.RestMove | None) -> tuple[str, str]:
-        """Gives the direction in which number `k` moves beyond `moves`, and a right `moves`."""
+        """Gives the direction in which number `k` exceeds `moves`, or "", and a right `moves`."""
         ways = [0.0] if self.first is None else [x[k] for x in self.seen[self.first :]]
         drift = {"down": ways[0] - min(ways), "up": max(ways) - ways[0]}
         lost = self._directions_that_lose_safe(k)
         if move is None and not lost:
             return "", ""
         way, directions = (move.way, [move.way] if move.way else [*drift]) if move else ("", [])
-        by = 0.0 if move is None else cast("float", self.own.value(move.by))
+        by = 0.0 if move is None else cast("float", self.evaluator.value(move.by))
         wrong = [w for w in directions if drift[w] > 1.01 * by] + [
             w for w in lost if w not in directions
         ]
@@ -319,9 +321,9 @@ class _Run:
         return wrong[0] if wrong else "", f"{self.names[k]} by {bound} {way}".strip()
 
     def _doubt_of_within(self) -> Doubt:
-        """Doubts a `within` that is over before `rest` holds."""
+        """Gives a doubt about a `within` that is over before `rest` holds."""
         at, needed = self.rest.within, (self.first or 1) * self.sc.period_ns
-        if needed <= cast("int", self.own.value(at)):
+        if needed <= cast("int", self.evaluator.value(at)):
             return None
         longer, label = write_ns(3 * needed // 2), f"SC needs {show_ns(needed)}"
         help_ = replace(at.span, longer, f"`within {longer}`, or longer")
@@ -329,16 +331,16 @@ class _Run:
 
 
 def doubt_about_rest(system: System, module: Module, *, unproved: bool = False) -> Doubt:
-    """Gives what is doubtful about `rest`, or None; `unproved`: `rest` was not shown."""
+    """Gives a doubt about `rest`, or None; `unproved` says that its proof failed."""
     rest = module.symbol.rest
-    if rest is None or not _can_be_run(system, module, rest):
+    if rest is None or not _can_be_followed(system, module, rest):
         return None
     runs = (_Run(system, module, rest, begins).first_doubt(unproved=unproved) for begins in BEGINS)
     return next((found for found in runs if found is not None), None)
 
 
-def _can_be_run(system: System, module: Module, rest: typed.RestSymbol) -> bool:
-    """Whether plants and SC alone say what a run does, and it takes less than a second."""
+def _can_be_followed(system: System, module: Module, rest: typed.RestSymbol) -> bool:
+    """Whether a run depends on plants and SC alone, and can be followed in less than a second."""
     sc = system.components[module.sc]
     plants = [c for c in system.components if c.plant is not None]
     if sc.node is None or sc.extern or sc.node.locals:
@@ -358,7 +360,7 @@ def _can_be_run(system: System, module: Module, rest: typed.RestSymbol) -> bool:
 
 
 def warn_of_rest(system: System, module: Module, diagnostics: Diagnostics) -> None:
-    """Warns W022 of what is doubtful about `rest`."""
+    """Warns W022 of the first doubt about `rest`."""
     if (found := doubt_about_rest(system, module)) is not None:
         at, message, label, help_ = found
         also = ((module.symbol.sc_span or module.symbol.span, "SC"),)

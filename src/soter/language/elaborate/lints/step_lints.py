@@ -61,7 +61,7 @@ ENDS = {1: "2", 2: "2", 3: "2.51", 4: "2.78"}
 
 
 def warn_of_faults(system: System, diagnostics: Diagnostics) -> None:
-    """Warns of certain faults in steps of nodes and plants, once for each declaration."""
+    """Warns of faults that steps of nodes and plants surely have, once for each declaration."""
     for c in system.components:
         symbol = c.node if c.plant is None and c.role != "dm" else c.plant
         if symbol is None or c.extern or c.stands_for is not None:
@@ -93,9 +93,9 @@ class _StepRanges(RangeEvaluator):
             if plant is not None:
                 self._evaluate_plant(plant)
             elif node is not None:
-                self._run(node.takeover or (), None, BOOL)
+                self._run_body(node.takeover or (), None, BOOL)
                 self.variables = {}
-                self._run(node.step, None, BOOL)
+                self._run_body(node.step, None, BOOL)
         except TooHardError:
             return  # it has warned of what was certain up to here
 
@@ -111,7 +111,7 @@ class _StepRanges(RangeEvaluator):
             self._check_publication(topic, value)
 
     def evaluate(self, e: t.TypedExpr) -> Known:
-        """Gives the range of `e`, or anything if that is too hard; TooHardError without budget."""
+        """Gives the range of `e`, or all values if it is too hard; TooHardError without budget."""
         try:
             return super().evaluate(e)
         except TooHardError:
@@ -130,7 +130,7 @@ class _StepRanges(RangeEvaluator):
         return super()._run_plain(s)
 
     def _run_loop(self, s: t.ForRange | t.ForEach, returned: Known, of: Type) -> tuple[Known, bool]:
-        """Evaluates few rounds one by one; of many the first, the last, and one for all."""
+        """Evaluates a few rounds one by one; of many the first, the last, and all as one round."""
         if isinstance(s, t.ForRange):
             self.loops[s.variable] = s
             few = s.high - s.low <= ROUNDS
@@ -144,12 +144,12 @@ class _StepRanges(RangeEvaluator):
         self._forget_assigned(s.body)
         for value in rounds:
             self.variables[s.variable] = value
-            returned, _ = self._run(s.body, returned, of)
+            returned, _ = self._run_body(s.body, returned, of)
             self._forget_assigned(s.body)
         return returned, True
 
     def _forget_assigned(self, body: tuple[t.TypedStmt, ...]) -> None:
-        """Lets variables that `body` assigns be anything, as its rounds are not counted."""
+        """Sets variables that `body` assigns to all values, as its rounds are not counted."""
         for n in nodes(body):
             if isinstance(n, t.Place):
                 self.variables[n.variable] = all_values(n.variable.type)
@@ -166,7 +166,7 @@ class _StepRanges(RangeEvaluator):
     ) -> None:
         """Warns W015 of a published value, or a part of it, that is never in its topic's set."""
         if isinstance(value, t.Conditional):
-            held = self.number(value.condition)
+            held = self.bounds(value.condition)
             if held != FALSE:
                 self._compare_with_set(topic, value.then, path, symbol)
             if held != TRUE:
@@ -218,7 +218,7 @@ class _StepRanges(RangeEvaluator):
             helps=helps,
         )
 
-    # ------------------------------------------------------------ what faults for certain
+    # ------------------------------------------------------------ certain faults
 
     def _range_of_call(self, e: t.TypedCall) -> Known:
         if e.fun.prelude:
@@ -235,7 +235,7 @@ class _StepRanges(RangeEvaluator):
             self.silent -= e.fun.prelude
 
     def _check_clamp_bounds(self, low: t.TypedExpr, high: t.TypedExpr) -> None:
-        a, b = self.number(low), self.number(high)
+        a, b = self.bounds(low), self.bounds(high)
         if a.nan or b.nan or a.low <= b.high:
             return
         self._warn_of_fault(
@@ -260,11 +260,11 @@ class _StepRanges(RangeEvaluator):
             of = of.element if isinstance(of, (ArrayType, ListType)) else of
 
     def _check_index_of(self, of: Type, index: t.TypedExpr) -> None:
-        """Warns W025 of an index that is outside whenever the code gets there."""
+        """Warns W025 of an index that is outside each time the code gets there."""
         if not isinstance(of, (ArrayType, ListType)) or self.silent:
             return
         size = of.size if isinstance(of, ArrayType) else of.capacity
-        at = self.number(index)
+        at = self.bounds(index)
         if at.high >= 0 and at.low < size:
             return
         value = f"{at.low}" if at.single else f"from {at.low} to {at.high}"
@@ -283,7 +283,7 @@ class _StepRanges(RangeEvaluator):
     def _range_of_narrow(self, e: t.Narrow) -> Known:
         assert isinstance(e.type, IntType)
         if not self.silent:
-            a = self.number(e.operand)
+            a = self.bounds(e.operand)
             if a.low < a.high and (a.low == e.type.high or a.high == e.type.low):
                 self._warn_that_one_fits(e, a)
             if a.high < e.type.low or a.low > e.type.high:
@@ -301,13 +301,13 @@ class _StepRanges(RangeEvaluator):
     def _warn_that_one_fits(self, e: t.Narrow, known: Range) -> None:
         """Warns W025 if one value fits: in `n: int in [0, 9]`, `n = max(n + 1, 9)`, only 9 does."""
         assert isinstance(e.type, IntType)
-        only, keeps = (known.low, "min") if known.low == e.type.high else (known.high, "max")
+        fitting, keeps = (known.low, "min") if known.low == e.type.high else (known.high, "max")
         self._warn_of_fault(
-            f"of what this may be only {only} fits into `{e.type}`",
+            f"of what this may be only {fitting} fits into `{e.type}`",
             e.span,
             f"it is from {known.low} to {known.high}",
             "putting anything else there is a step fault",
-            (f"keep it inside: `{keeps}(x, {only})`",),
+            (f"keep it inside: `{keeps}(x, {fitting})`",),
         )
 
     def _warn_of_fault(
@@ -330,14 +330,14 @@ def _shortened_text(span: Span) -> str:
 
 
 def _help_to_count_from_zero(loop: t.ForRange, size: int) -> Help:
-    """Gives the help with a loop over all indices, as an edit if the text shows its range."""
+    """Gives a help with a loop over all indices, as an edit if the text of the loop has a range."""
     title = f"indices begin at 0: `for {loop.variable.name} in 0..{size} {{ ... }}`"
     written = _COUNTED.match(loop.span.source.text, loop.span.start)
     if written is None:
         return title
     end = loop.span.source.text.find("{", written.end())
-    whole = Span(loop.span.source, written.end(), end)
-    return replace(whole, f"0..{size} ", title)
+    span = Span(loop.span.source, written.end(), end)
+    return replace(span, f"0..{size} ", title)
 
 
 def warn_of_silence(system: System, module: Module, diagnostics: Diagnostics) -> None:
@@ -377,12 +377,12 @@ def _always_publishes(statements: tuple[t.TypedStmt, ...], topic: t.TopicSymbol)
 
 
 def warn_of_plant(system: System, component: Component, diagnostics: Diagnostics) -> None:
-    """Warns W014, W032, and W019 for states that the scheme moves away from their solution."""
+    """Warns W014 and W032 of a plant, and W019 of states that diverge under its scheme alone."""
     plant = component.plant
     if plant is None:
         return
     _warn_of_unmoved_states(plant, diagnostics)
-    _warn_of_times_dt(plant, diagnostics)
+    _warn_of_product_with_dt(plant, diagnostics)
     for d in groups_that_diverge(system, component):
         names = ", ".join(f"`{n}`" for n in d.names)
         end = ENDS[SCHEMES[plant.method].order]
@@ -425,7 +425,7 @@ def _warn_of_unmoved_states(plant: PlantSymbol, diagnostics: Diagnostics) -> Non
         )
 
 
-def _warn_of_times_dt(plant: PlantSymbol, diagnostics: Diagnostics) -> None:
+def _warn_of_product_with_dt(plant: PlantSymbol, diagnostics: Diagnostics) -> None:
     """Warns W032 of `der x = v * dt`: the scheme itself multiplies by the step."""
     for state, slope in plant.der.items():
         factors = [slope]

@@ -42,7 +42,7 @@ class PlacedInstance:
     """Name of a node's declaration -> its replacement by contract."""
 
     def controllers(self) -> tuple[typed.NodeSymbol, typed.NodeSymbol]:
-        """Gives AC and SC of a module, replacements applied."""
+        """Gives AC and SC of a module, or the nodes that replace them."""
         module = self.symbol
         assert isinstance(module, typed.ModuleSymbol)
         ac = self.replaced.get(module.ac.name, module.ac)
@@ -68,10 +68,10 @@ class SubSystem:
 
 
 class Flattening(Numbers):
-    """What is known of one flat system so far; `Numbers` computes its numbers.
+    """What is known of one flat system so far; the base class computes its numbers.
 
-    `draft`: the file declares no system, and this is what it would run as. It may be meant to be
-    imported, so that a topic without a driver is only a warning. `test`: whose system it is.
+    `draft` says that the file declares no system, and that this one stands for the whole file,
+    which may only be meant for imports. `test` is the test whose system this is.
     """
 
     def __init__(
@@ -88,7 +88,7 @@ class Flattening(Numbers):
         self.draft = draft
         self.test = test
         self.partial = symbol in program.damaged or (draft and program.incomplete)
-        """Whether something is missing that was reported: then absence is no error."""
+        """Whether errors in parts were reported, so that a missing part is no new error."""
         self.sizes = SizeCounter(symbol, program.system_sizes, diagnostics)
 
         # place_instances adds these
@@ -100,7 +100,7 @@ class Flattening(Numbers):
         self.gone: dict[str, ReplacedModule] = {}
         """Modules that a test replaced as a whole, by full name."""
         self.put_in: dict[str, Span] = {}
-        """Nodes, by full name, that were put in the place of others, and where that is said."""
+        """Full name of a node that replaced another one -> the place that says so."""
 
         # every pass adds the topics that it mentions first
         self.topics: list[system.Topic] = []
@@ -113,10 +113,10 @@ class Flattening(Numbers):
         self.plants: dict[str, int] = {}
         """Indices of plants, by full name."""
         self.unknown: set[str] = set()
-        """Names of components whose period has an error: nothing is said about it again."""
+        """Names of components whose period has an error, so that it is not reported again."""
         self.modules: list[system.Module] = []
         self.shields: dict[int, int] = {}
-        """Into how many cells the commands of modules are cut."""
+        """Index of a module -> into how many cells its shield cuts each command."""
 
         # the passes in `properties.py`, `stated_values.py` and `outside_values.py` add these
         self.properties: list[system.Property] = []

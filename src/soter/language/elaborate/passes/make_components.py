@@ -13,7 +13,7 @@ from soter.language.elaborate.passes.replace_parts import controller_names
 from soter.language.elaborate.passes.stand_ins import make_stand_in
 from soter.language.elaborate.passes.step_times import check_step_times, wcet_and_jitter
 from soter.language.elaborate.passes.system_numbers import TooLargeError
-from soter.language.elaborate.passes.topics import make_queue, topic_at
+from soter.language.elaborate.passes.topics import index_at, make_queue
 from soter.language.elaborate.passes.value_sets import require_in_set
 from soter.language.model import typed
 from soter.language.model.system import Component, Disturbance, Measurement, Scope
@@ -29,7 +29,7 @@ RANK = {"plant": 0, "dm": 1, "sc": 2, "ac": 3, "node": 3}
 
 
 def make_components(flat: Flattening, role: str) -> None:
-    """Adds `components`, `plants` and `unknown`, with the topics in scopes; needs `placed`.
+    """Adds `components`, `plants` and `unknown`, and topics of their scopes; needs `placed`.
 
     `role` becomes the role of each node outside of modules.
     """
@@ -60,7 +60,7 @@ def _period_ns(flat: Flattening, expr: typed.TypedExpr, description: str, name: 
 
 def scope_at(flat: Flattening, placed: PlacedInstance, topics: list[typed.TopicSymbol]) -> Scope:
     """Gives the scope of a placed instance: the topic that each of `topics` means there."""
-    return Scope({t: topic_at(flat, placed, t) for t in topics}, placed.params)
+    return Scope({t: index_at(flat, placed, t) for t in topics}, placed.params)
 
 
 def _first_values(
@@ -75,7 +75,7 @@ def _first_values(
         if not flat.sizes.has_room_for(variable.type):
             raise TooLargeError
         description = f"the first value of `{variable.name}`"
-        value = flat.number(expr, description)
+        value = flat.value_of(expr, description)
         values.append(default_value(variable.type) if value is None else value)
     return tuple(values)
 
@@ -171,13 +171,13 @@ def _make_node(
         failsafe=failsafe_values(flat, node, scope),
         binding=node.source,
         stands_for=stands_for,
-        takes_ns=_step_times(flat, node, role if module is not None else "node"),
+        takes_ns=_step_times_ns(flat, node, role if module is not None else "node"),
         wcet_ns=wcet,
         jitter_ns=jitter,
     )
 
 
-def _step_times(flat: Flattening, node: typed.NodeSymbol, role: str) -> tuple[int, int] | None:
+def _step_times_ns(flat: Flattening, node: typed.NodeSymbol, role: str) -> tuple[int, int] | None:
     if node.takes is None:
         return None
     description = f"what a step of `{node.name}` takes"
@@ -190,7 +190,7 @@ def _step_times(flat: Flattening, node: typed.NodeSymbol, role: str) -> tuple[in
 
 
 def _phase_ns(flat: Flattening, node: typed.NodeSymbol, period: int, name: str) -> int:
-    phase = flat.number(node.phase, "a phase")
+    phase = flat.value_of(node.phase, "a phase")
     if phase is None or node.phase is None:
         return 0
     if 0 <= phase < period or name in flat.unknown:
@@ -210,7 +210,7 @@ def _phase_ns(flat: Flattening, node: typed.NodeSymbol, period: int, name: str) 
 def failsafe_values(
     flat: Flattening, node: typed.NodeSymbol | typed.ModuleSymbol, scope: Scope
 ) -> dict[int, Value]:
-    """Topic -> the value published after a step fault, or held after the end of a lease."""
+    """Gives topic -> the value published after a step fault, or held after the end of a lease."""
     value_by_topic: dict[int, Value] = {}
     why = (
         "proofs of what acts after the lease speak of values in the set"
@@ -218,7 +218,7 @@ def failsafe_values(
         else "what is published after a step fault must be allowed too"
     )
     for symbol, expr in node.failsafe.items():
-        value = flat.number(expr, f"the fail-safe value of `{symbol.name}`")
+        value = flat.value_of(expr, f"the fail-safe value of `{symbol.name}`")
         if value is None:
             continue
         # a queue's: the node reads its own output, which M001 was reported for
@@ -238,7 +238,7 @@ def _make_dm_sc_and_ac(
     name = f"{placed.name}.dm"
     period = _period_ns(flat, module.period, f"the period of module `{module.name}`", name)
     predicates = topic_reads(*module.expressions)
-    others = *module.moved, *module.acknowledgements
+    others = *module.moved_topics, *module.acknowledgements
     reads = list(dict.fromkeys([*module.topics_read, *predicates, *others]))
     scope = scope_at(flat, placed, reads)
     wcet, jitter = wcet_and_jitter(flat, module)
@@ -257,7 +257,7 @@ def _require_same_times_of_plans(flat: Flattening, module: typed.ModuleSymbol) -
     """Reports M030 for a plan of SC with another period, phase, `wcet` or `jitter`."""
 
     def times_of_plan(node: typed.NodeSymbol) -> tuple[object, ...]:
-        phase = flat.number(node.phase, "a phase") or 0
+        phase = flat.value_of(node.phase, "a phase") or 0
         return flat.duration_ns(node.period, "a period"), phase, *wcet_and_jitter(flat, node)
 
     for plan in module.plans[1:]:

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.fixes import append, exchange
 from soter.language.elaborate.passes.make_components import failsafe_values, scope_at
 from soter.language.elaborate.passes.step_times import check_double_response
-from soter.language.elaborate.passes.topics import topic_at
-from soter.language.elaborate.passes.value_sets import outside_text
+from soter.language.elaborate.passes.topics import index_at
+from soter.language.elaborate.passes.value_sets import text_of_number_outside
 from soter.language.model import typed
 from soter.language.model.system import LEVELS_DEFAULT, LEVELS_LEAST, Module
 from soter.language.model.types import FloatType, IntType, leaves, show_ns
@@ -51,7 +51,7 @@ def _make_module(
     assert isinstance(module, typed.ModuleSymbol)
     clean = flat.count(module.clean, "`clean`", 1, MAX_CLEAN)
     dm = by_role["dm"]
-    outputs = tuple(topic_at(flat, placed, t) for t in module.sc.publishes)
+    outputs = tuple(index_at(flat, placed, t) for t in module.sc.publishes)
     for output in outputs:
         _require_value_set(flat, flat.topics[output], module)
     late_ns, levels = _check_verify_block(flat, module)
@@ -178,8 +178,8 @@ def _check_axis(flat: Flattening, axis: typed.TypedGridAxis) -> None:
 def _check_command(
     flat: Flattening, commands: typed.TypedCommandSet, expr: typed.TypedExpr
 ) -> None:
-    """Reports a command of `commands` that lies outside its topic's set."""
-    value = flat.number(expr, "a command")
+    """Reports V005 for a command that lies outside its topic's set."""
+    value = flat.value_of(expr, "a command")
     if value is None:
         return
     topics = [t for t in flat.topics if t.symbol is commands.topic]
@@ -189,7 +189,7 @@ def _check_command(
                 continue
             flat.diagnostics.error(
                 "V005",
-                f"the command {value!r} is {outside_text(value, bound)}",
+                f"the command {value!r} is {text_of_number_outside(value, bound)}",
                 expr.span,
                 also=((topic.symbol.span, "the topic"),),
             )

@@ -1,7 +1,7 @@
 """Makes the hidden topics in which a system remembers what its decisions depend on.
 
-Purpose: hidden topics hold margins, what a latch waits for, which of several plans SC follows,
-until when a command in each cell of a `shield` was held, and outputs of steps that take time.
+Purpose: hidden topics hold margins, the state of latches, the plan that SC follows, until when
+a command in each cell of a `shield` was held, and outputs of steps that take time.
 Non-goals: who writes them (`semantics/`, `runtime/soter_kernel.c`), with what (`verify/`).
 """
 
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 
 NEVER_HELD = -1.0e18
-"""A time in seconds before every run."""
+"""A time, in seconds, that is before every run."""
 NO_FLOATS = "is not made of floats"
 AS_FLOAT = (
     "publish the number as a float; an agent still chooses, with masks: `action_space` and `act` of"
@@ -47,7 +47,7 @@ AS_FLOAT = (
 
 
 def make_memory_topics(flat: Flattening) -> None:
-    """Adds hidden topics to `topics`, and writes their indices into modules and components."""
+    """Adds all hidden topics to `topics`, and sets their indices in modules and components."""
     for index in sorted(set(flat.margins)):
         module = flat.modules[index]
         module.looked = _add_counter(flat, module, "margin", max(module.levels - 1, 1))
@@ -106,10 +106,10 @@ def add_held_topic(flat: Flattening, c: Component) -> None:
 
 
 def _add_counter(flat: Flattening, module: Module, purpose: str, most: int) -> int:
-    return _add_topic(flat, module, purpose, IntType(0, most), (Bound(0, most),), 0)
+    return _add_hidden_topic(flat, module, purpose, IntType(0, most), (Bound(0, most),), 0)
 
 
-def _add_topic(
+def _add_hidden_topic(
     flat: Flattening,
     module: Module,
     purpose: str,
@@ -152,7 +152,7 @@ def _add_shield_topics(flat: Flattening, module: Module, clause: TypedExpr) -> N
 
 def _add_array(flat: Flattening, module: Module, purpose: str, default: tuple[float, ...]) -> int:
     size = len(default)
-    return _add_topic(flat, module, purpose, ArrayType(FLOAT, size), (None,) * size, default)
+    return _add_hidden_topic(flat, module, purpose, ArrayType(FLOAT, size), (None,) * size, default)
 
 
 def _why_no_shield(module: Module, topics: Sequence[Topic], components: Sequence[Component]) -> str:
@@ -171,7 +171,7 @@ def _why_no_shield(module: Module, topics: Sequence[Topic], components: Sequence
 def refuse_overrun(
     system: System, component: Component, fault: str, diagnostics: Diagnostics
 ) -> None:
-    """Reports M027 if a controller that a shield judges would publish later than it steps."""
+    """Reports M027 for a fault by which a controller that a shield judges publishes later."""
     module = None if component.module is None else system.modules[component.module]
     if module is None or module.shield is None or module.symbol.shield is None:
         return
@@ -195,10 +195,10 @@ def _report_no_shield(
 def _why_no_candidates(
     module: Module, topics: Sequence[Topic], components: Sequence[Component]
 ) -> str:
-    """Says why commands cannot be tried in the place of AC's; "" if they can, or if none are named.
+    """Gives the reason why no candidates can replace AC's command; "" if they can, or none exist.
 
-    What is published in the place of AC's command passes no gate, so every value that the topic of
-    candidates may have must lie in the output's set.
+    A command that replaces AC's passes no gate. So every value that the topic of candidates may
+    have must lie in the output's set.
     """
     tried = module.symbol.candidates
     if tried is None:

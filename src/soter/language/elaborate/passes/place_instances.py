@@ -2,7 +2,7 @@
 
 Purpose: places every plant, node and module below a system, with its wires and the values of its
 parameters, and applies what systems say about their parts: `force`, `replace`.
-Non-goals: what stands in the place of a part (`replace_parts.py`), what an instance is made into
+Non-goals: which part replaces another (`replace_parts.py`), making components of instances
 (`make_components.py`).
 """
 
@@ -15,7 +15,7 @@ from soter.language.elaborate.passes.replace_parts import replace_part
 from soter.language.elaborate.passes.topics import home_of_topic
 from soter.language.elaborate.passes.value_sets import set_and_default
 from soter.language.model import typed
-from soter.language.model.tree_walk import topics_beside, topics_mentioned
+from soter.language.model.tree_walk import topics_mentioned, topics_of_instances
 
 if TYPE_CHECKING:
     from soter.language.elaborate.passes.flattening import Bounds, Flattening, Wires
@@ -25,10 +25,10 @@ if TYPE_CHECKING:
 
 def place_instances(flat: Flattening) -> None:
     """Adds `placed`, `parts` and `params_at`; for a test also `gone` and `put_in`."""
-    _place_in(flat, flat.symbol, "", [])
+    _place_instances_below(flat, flat.symbol, "", [])
 
 
-def _place_in(
+def _place_instances_below(
     flat: Flattening, system: typed.SystemSymbol, prefix: str, outer: list[Wires]
 ) -> None:
     """Places every instance below `prefix`, then applies `force` and `replace` of the system."""
@@ -49,7 +49,7 @@ def _place_in(
         if isinstance(declaration, typed.SystemSymbol):
             _warn_of_ignored_settings(flat, declaration, name)
             flat.params_at[name + "."] = params
-            _place_in(flat, declaration, name + ".", [wires])
+            _place_instances_below(flat, declaration, name + ".", [wires])
             continue
         if isinstance(declaration, typed.ModuleSymbol):
             damaged = flat.program.damaged
@@ -71,7 +71,7 @@ def _check_wires(flat: Flattening, instance: typed.InstanceSymbol) -> None:
         return
     known = {*topics_mentioned(declaration)}
     if isinstance(declaration, typed.SystemSymbol):
-        known |= {*topics_beside(declaration)}
+        known |= {*topics_of_instances(declaration)}
     for topic, span in instance.rename_spans.items():
         if topic not in known:
             flat.diagnostics.error(
@@ -142,4 +142,4 @@ def _set_and_age(
     flat: Flattening, symbol: typed.TopicSymbol, params: Values
 ) -> tuple[Bounds, Value | None]:
     with flat.with_params(params):
-        return set_and_default(flat, symbol)[0], flat.number(symbol.max_age, "a `max_age`")
+        return set_and_default(flat, symbol)[0], flat.value_of(symbol.max_age, "a `max_age`")

@@ -1,4 +1,4 @@
-"""Collects what is judged of a flat system while it runs.
+"""Collects the properties by which runs of a flat system are judged.
 
 Purpose: makes properties of systems and tests, contracts of nodes and modules, and measures of
 campaigns, each with the scope of its names, and enters in scopes what `mode(M)` means.
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.language.elaborate.passes.topics import topic_at
+from soter.language.elaborate.passes.topics import index_at
 from soter.language.model import typed
 from soter.language.model.system import Metric, Property, Scope, TimedProperty
 from soter.language.model.tree_walk import margin_reads, mode_reads, nodes, topic_reads
@@ -23,7 +23,7 @@ MAX_BINS = 1_000
 
 
 def enter_modes_in_scopes(flat: Flattening) -> None:
-    """Enters into the scope of each component which of the modules beside it `mode(M)` means."""
+    """Enters in the scope of each component the module that each of its `mode(M)` means."""
     prefixes = {p.name: p.prefix for p in flat.placed}
     beside: dict[tuple[str, object], list[Module]] = {}
     for m in flat.modules:
@@ -82,30 +82,30 @@ def _report_mode_is_gone(flat: Flattening, name: str, gone: ReplacedModule, span
 
 
 def add_properties(flat: Flattening) -> None:
-    """Adds `properties` of the system and its parts, then contracts; needs all modules."""
+    """Adds `judged` of the system and its parts, then contracts; needs all modules."""
     for part in flat.parts:
         for item in part.system.properties:
             scope = _scope_of_names(flat, part, item.premise, item.condition)
             text = f"{item.text} in {part.prefix[:-1]}" if part.prefix else item.text
             _add_property(flat, item, scope, text)
-    made = flat.properties
+    judged = flat.properties
     for c in flat.components:
         assumed, guaranteed = (c.node.assumes, c.node.guarantees) if c.node else ((), ())
         for k, expr in enumerate((*assumed, *guaranteed)):
             kind = "assumes" if k < len(assumed) else "guarantees"
             text = f"{' '.join(expr.span.text.split())} in {c.name}"
-            made.append(Property(len(made), kind, expr, c.scope, text, expr.span, c.index))
+            judged.append(Property(len(judged), kind, expr, c.scope, text, expr.span, c.index))
     for module in flat.modules:  # their contracts are judged when a controller steps
-        both = [c for c in flat.components if c.module == module.index and c.role in {"ac", "sc"}]
+        pair = [c for c in flat.components if c.module == module.index and c.role in {"ac", "sc"}]
         for clause in module.symbol.contract:
-            for c in both:
+            for c in pair:
                 text = f"{clause.name} of {module.name}: {clause.text} in {c.name}"
                 parts = (clause.kind, clause.condition, module.scope, text, clause.span, c.index)
-                made.append(Property(len(made), *parts))
+                judged.append(Property(len(judged), *parts))
 
 
 def _add_property(flat: Flattening, item: typed.PropertySymbol, scope: Scope, text: str) -> None:
-    """Adds an `always` or `never`; other kinds belong to tests."""
+    """Adds a property to `properties` if it is an `always` or `never`; other kinds are of tests."""
     if item.kind in {"always", "never"} and item.condition is not None:
         index = len(flat.properties)
         flat.properties.append(Property(index, item.kind, item.condition, scope, text, item.span))
@@ -114,10 +114,10 @@ def _add_property(flat: Flattening, item: typed.PropertySymbol, scope: Scope, te
 def _scope_of_names(
     flat: Flattening, part: SubSystem, *expressions: typed.TypedExpr | None
 ) -> Scope:
-    """Gives the scope of a property or measure: what the names in it mean in its part."""
+    """Gives the scope of a property or measure, which has the meanings of its names in `part`."""
     scope = Scope({}, part.params)
     for topic, read in topic_reads(*expressions).items():
-        scope.topics[topic] = topic_at(flat, part, topic)
+        scope.topics[topic] = index_at(flat, part, topic)
         flat.property_reads.append((scope.topics[topic], read.span))
     for node in nodes(expressions):
         if isinstance(node, typed.TruthRead):

@@ -27,7 +27,7 @@ def least_age_ns(system: System, topic: int) -> int | None:
 def fresh_ages_ns(
     system: System, module: Module, most_ns: int | None = None
 ) -> dict[int, int | None]:
-    """Topic -> the greatest age, in ns, at which the DM sees it as fresh; None if any age counts.
+    """Gives topic -> the greatest age in ns at which the DM sees it as fresh; None for any age.
 
     `most_ns`: the greatest age that a proof assumes for topics that plants publish.
     """
@@ -40,7 +40,6 @@ def fresh_ages_ns(
 
 
 def _plants_that_publish(system: System, topic: int) -> list[Component]:
-    """The plants that publish a topic."""
     return [
         c
         for c in system.components
@@ -49,7 +48,7 @@ def _plants_that_publish(system: System, topic: int) -> list[Component]:
 
 
 def is_measured(system: System, topic: int) -> bool:
-    """Whether a topic comes again and again from a plant or from outside, and is of floats.
+    """Whether a plant, or something outside, publishes a topic repeatedly, and floats are in it.
 
     An input, which an operator sets once, is not measured, nor is a topic of plants without floats.
     """

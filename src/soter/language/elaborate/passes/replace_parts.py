@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.language.check.dots_and_brackets import listed
+from soter.language.check.dots_and_brackets import quoted
 from soter.language.elaborate.passes.flattening import PlacedInstance, ReplacedModule
 from soter.language.elaborate.passes.stand_ins import ContractStandIn
-from soter.language.elaborate.wellformed import check_messages
+from soter.language.elaborate.wellformed import refuse_bursts
 from soter.language.model import typed
 from soter.language.model.tree_walk import nodes
 
@@ -27,19 +27,19 @@ ROLES = ("ac", "sc")
 def replace_part(flat: Flattening, prefix: str, path: str, by: Replacement, span: Span) -> None:
     """Replaces the part that `path` names below `prefix`; reports M013 if there is no such part."""
     flat.partial = flat.partial or by in flat.program.damaged
-    hit = False
+    replaced_any = False
     for placed in tuple(flat.placed):
         if placed.name.startswith(prefix):
             local = placed.name[len(prefix) :]
-            hit = _replace_where_named(flat, placed, local, path, by, span) or hit
-    if not hit and not flat.partial:
+            replaced_any = _replace_where_named(flat, placed, local, path, by, span) or replaced_any
+    if not replaced_any and not flat.partial:
         _report_nothing_replaced(flat, prefix, path, by, span)
 
 
 def _replace_where_named(
     flat: Flattening, placed: PlacedInstance, local: str, path: str, by: Replacement, span: Span
 ) -> bool:
-    """Replaces the instance or the part of it that `path` names; False if `path` names none."""
+    """Replaces the instance, or its part, that `path` names; gives False if `path` names none."""
     symbol = placed.symbol
     if isinstance(symbol, typed.ModuleSymbol):
         if flat.test is not None and path in {local, symbol.name}:
@@ -73,7 +73,7 @@ def _report_nothing_replaced(
         "M013",
         f"this system has no {kind} `{path}` to replace",
         span,
-        notes=(f"its {kinds} are {listed(known)}",) if known else (),
+        notes=(f"its {kinds} are {quoted(known)}",) if known else (),
         helps=flat.diagnostics.did_you_mean(path, known, span),
     )
 
@@ -81,11 +81,11 @@ def _report_nothing_replaced(
 def _replace_controllers(
     flat: Flattening, placed: PlacedInstance, local: str, path: str, by: Replacement, span: Span
 ) -> bool:
-    """Replaces the controllers of a module that `path` names; False if `path` names none."""
+    """Replaces the controllers of a module that `path` names; gives False if it names none."""
     module = placed.symbol
     assert isinstance(module, typed.ModuleSymbol)
     hit = False
-    for node in module.own:
+    for node in module.controllers:
         short = node.name.rsplit(".", 1)[-1]
         if path not in {node.name, short, f"{local}.{short}"}:
             continue
@@ -96,7 +96,7 @@ def _replace_controllers(
         elif isinstance(by, typed.NodeSymbol):
             _require_same_outputs(flat, node, by, span)
             placed.replaced[node.name] = by
-            check_messages(module, by, span, flat.diagnostics)
+            refuse_bursts(module, by, span, flat.diagnostics)
     if isinstance(by, typed.NodeSymbol):
         _require_two_controllers(flat, placed, span)
     return hit
@@ -127,13 +127,13 @@ def _replace_module(flat: Flattening, placed: PlacedInstance, by: Replacement, s
 
 
 def _names_of_replaceable(flat: Flattening, kind: type) -> list[str]:
-    """Gives the full names of all plants, or of all nodes; those in modules are among the nodes."""
+    """Gives the full names of all plants, or of all nodes, with the controllers of modules."""
     names = []
     for placed in flat.placed:
         if isinstance(placed.symbol, kind):
             names.append(placed.name)
         elif kind is typed.NodeSymbol and isinstance(placed.symbol, typed.ModuleSymbol):
-            short = (n.name.rpartition(".")[2] for n in placed.symbol.own)
+            short = (n.name.rpartition(".")[2] for n in placed.symbol.controllers)
             names += [f"{placed.name}.{name}" for name in short]
     return names
 
@@ -209,7 +209,7 @@ def controller_names(module: str, ac: typed.NodeSymbol, sc: typed.NodeSymbol) ->
 
 
 def _expressions_of_properties(flat: Flattening, part: SubSystem) -> list[typed.TypedExpr | None]:
-    """The expressions of a part's properties; those of a test count for the outermost part."""
+    """Gives the expressions of a part's properties; for the outermost part also of the test's."""
     tested = flat.test.properties if flat.test is not None and not part.prefix else ()
     return [e for p in (*part.system.properties, *tested) for e in (p.premise, p.condition)]
 

@@ -5,9 +5,9 @@ releases of another one, nothing or any values for which the guarantees hold. If
 to be tried one by one, it tries the values that the test states (`guarantees t.x in { a, b };`),
 and of other parts one value of each kind that code can distinguish. Stated values become a
 condition by which the real part is judged in each test in which it runs; those of `assumes` are
-told as an assumption if no test judges them.
-Non-goals: where a stand-in stands (`replace_parts.py`), whether what it stands for keeps its
-contract (tests), which values can be told apart (`distinguishable_values.py`).
+reported as an assumption if no test judges them.
+Non-goals: where a stand-in stands (`replace_parts.py`), whether the replaced part keeps its
+contract (tests), which values can be distinguished (`distinguishable_values.py`).
 """
 
 from __future__ import annotations
@@ -50,9 +50,9 @@ _BY_A_NODE = "replace it by a node that chooses the values that matter"
 
 @dataclass(frozen=True)
 class ContractStandIn:
-    """A replacement by contract; `of`: full name of what is replaced; `clauses`: of its modules.
+    """A replacement by contract: `of` is the full name of the replaced part.
 
-    `role`: that of the replaced node: "ac" or "sc" in a module, "node" elsewhere.
+    `clauses` are those of its module. `role` is "ac" or "sc" for a whole module, else "node".
     """
 
     of: str
@@ -63,9 +63,9 @@ class ContractStandIn:
 
 
 class EndlessError(Exception):
-    """A topic has too many values to be tried one by one; the message says which.
+    """Says that a topic has too many values to be tried one by one, and which.
 
-    `part`: the part of the topic; `where`: the code, if any, that distinguishes its values.
+    `part` is the part of the topic, `where` the code, if any, that distinguishes its values.
     """
 
     def __init__(self, why: str, where: Span | None = None, part: str = "") -> None:
@@ -77,7 +77,7 @@ class EndlessError(Exception):
 def make_stand_in(
     node: typed.NodeSymbol, by: ContractStandIn, diagnostics: Diagnostics
 ) -> tuple[typed.NodeSymbol, StandIn]:
-    """Gives the stand-in for `node`, which `give_step` completes; reports E015 for bursts."""
+    """Gives a stand-in for `node`, still without a step, and its record; E015 for bursts."""
     own_clauses = [("", e) for e in node.guarantees]
     contract_clauses = [(c.name, c.condition) for c in by.clauses if c.kind == "guarantees"]
     clauses = [*contract_clauses, *own_clauses]
@@ -90,20 +90,20 @@ def make_stand_in(
         for t in topic_reads(*wholes)
         if t not in node.publishes
     )
-    made = node.node_that_does((), subscribes)
-    texts = [_told(n, e) for n, e in clauses]
+    made = node.node_with_step((), subscribes)
+    texts = [_clause_text(n, e) for n, e in clauses]
     left = [t for t, pair in zip(texts, clauses, strict=True) if pair not in used]
     kept = tuple(t for t in texts if t not in left)
     return made, StandIn(by.of, by.kind, by.role, kept, tuple(left), wholes, by.span)
 
 
-def _told(name: str, condition: typed.TypedExpr) -> str:
+def _clause_text(name: str, condition: typed.TypedExpr) -> str:
     """Gives a clause as text for people, on one line."""
     text = " ".join(condition.span.text.split())
     return f"{name}: {text}" if name else text
 
 
-def give_step(
+def give_step_to_stand_in(
     c: Component,
     topics: Sequence[Topic],
     stated: Mapping[int, Mapping[Path, Sequence[Value]]],
@@ -118,19 +118,20 @@ def give_step(
     assert c.stands_for is not None
     hears = readers.may_be_observed(c)
     outputs = {s: topics[c.scope.topics[s]] for s in c.node.publishes if hears}
-    every = {s: _Values(t, stated.get(t.index, {}), None) for s, t in outputs.items()}
+    every = {s: _TriedValues(t, stated.get(t.index, {}), None) for s, t in outputs.items()}
     heard = {s: t for s, t in outputs.items() if c.module is not None or t.index in readers.heard}
     few = {
-        s: _Values(t, stated.get(t.index, {}), readers.reads_of(t.index)) for s, t in heard.items()
+        s: _TriedValues(t, stated.get(t.index, {}), readers.reads_of_topic(t.index))
+        for s, t in heard.items()
     }
     try:
         try:
-            step = tuple(_step_of(every, c.stands_for))
+            step = tuple(_statements_of_step(every, c.stands_for))
         except EndlessError:
-            step = tuple(_step_of(few, c.stands_for))
+            step = tuple(_statements_of_step(few, c.stands_for))
     except EndlessError as problem:
         note = "every value that a contract permits is a branch of every execution"
-        _report_refusal(str(problem), note, c.node, c.stands_for, diagnostics, problem)
+        _report_no_stand_in(str(problem), note, c.node, c.stands_for, diagnostics, problem)
         return
     c.node = replace(c.node, step=step)
 
@@ -139,10 +140,10 @@ def _refuse_bursts(node: typed.NodeSymbol, by: ContractStandIn, diagnostics: Dia
     names = ", ".join(f"`{t.name}`" for t in node.bursts)
     why = f"{node.name} may publish several messages on {names} in one step"
     note = "a contract speaks of the last message; queues get all of them"
-    _report_refusal(why, note, node, by, diagnostics)
+    _report_no_stand_in(why, note, node, by, diagnostics)
 
 
-def _report_refusal(
+def _report_no_stand_in(
     why: str,
     note: str,
     node: typed.NodeSymbol,
@@ -169,25 +170,25 @@ def _report_refusal(
 
 
 def _can_be_used(e: typed.TypedExpr, node: typed.NodeSymbol) -> bool:
-    """Whether a stand-in can use a guarantee: it reads no mode, queue or age of own outputs."""
+    """Whether a stand-in can use a guarantee, which reads no mode, queue or age of its outputs."""
     queued = {s.topic for s in node.subscribes if s.queue is not None}
     aged = {n.topic for n in nodes([e]) if isinstance(n, typed.AgeRead)}
     return not (mode_reads(e) or queued & topic_reads(e).keys() or aged & set(node.publishes))
 
 
-# ---------------------------------------------------------------- its step
+# ---------------------------------------------------------------- the step of a stand-in
 
 
-def _step_of(
-    published: Mapping[typed.TopicSymbol, _Values], by: StandIn
+def _statements_of_step(
+    published: Mapping[typed.TopicSymbol, _TriedValues], by: StandIn
 ) -> Iterator[typed.TypedStmt]:
-    """Yields the step: it chooses topics and values, and publishes them if the guarantees hold."""
+    """Yields statements that choose topics and values, and publish them if all guarantees hold."""
     put: dict[typed.TopicSymbol, tuple[typed.Variable, typed.Variable | None]] = {}
     single = len(published) == 1
     inner: list[typed.TypedStmt] = []
     alternatives = 1
     for symbol, values in published.items():
-        value, count = values.choice()
+        value, count = values.choice_and_count()
         alternatives *= count
         if alternatives > MAX_CHOICES:
             raise EndlessError(f"there are more than {MAX_CHOICES} values of what it publishes")
@@ -202,7 +203,7 @@ def _step_of(
             read = typed.VarRead(BOOL, by.span, is_put)
             value = typed.Conditional(symbol.type, by.span, read, value, _first_choice(value))
         inner.append(typed.TypedDeclare(by.span, chosen, value))
-    inner += _published_if(put, by.span, [_with_chosen_values(e, put) for e in by.asked])
+    inner += _publications(put, by.span, [_with_chosen_values(e, put) for e in by.asked])
     if single:
         arm = (_choice_to_publish(next(iter(published))), tuple(inner))
         yield typed.TypedIf(by.span, (arm,), ())
@@ -210,8 +211,8 @@ def _step_of(
         yield from inner
 
 
-def _published_if(put: Put, span: Span, holds: Sequence[typed.TypedExpr]) -> list[typed.TypedStmt]:
-    """Statements that publish the chosen values if all of the guarantees `holds` are true."""
+def _publications(put: Put, span: Span, holds: Sequence[typed.TypedExpr]) -> list[typed.TypedStmt]:
+    """Gives statements that publish the chosen values if all of the guarantees `holds` are true."""
     out: list[typed.TypedStmt] = []
     for symbol, (chosen, is_put) in put.items():
         value = typed.VarRead(symbol.type, span, chosen)
@@ -226,9 +227,9 @@ def _published_if(put: Put, span: Span, holds: Sequence[typed.TypedExpr]) -> lis
 
 
 def _with_chosen_values(e: typed.TypedExpr, put: Put) -> typed.TypedExpr:
-    """Gives a guarantee in which the values to be published stand for reads of own topics."""
+    """Gives a guarantee that reads the chosen values instead of the stand-in's own topics."""
 
-    def value(read: typed.TypedExpr) -> typed.TypedExpr:
+    def chosen_value(read: typed.TypedExpr) -> typed.TypedExpr:
         if not isinstance(read, typed.TopicRead) or read.topic not in put:
             return read
         chosen, is_put = put[read.topic]
@@ -238,15 +239,15 @@ def _with_chosen_values(e: typed.TypedExpr, put: Put) -> typed.TypedExpr:
         asked = typed.VarRead(BOOL, read.span, is_put)
         return typed.Conditional(read.type, read.span, asked, new_value, read)
 
-    new_expr: typed.TypedExpr = rewritten(e, value)
+    new_expr: typed.TypedExpr = rewritten(e, chosen_value)
     return new_expr
 
 
-# ---------------------------------------------------------------- any value
+# ---------------------------------------------------------------- choices between values
 
 
-class _Values:
-    """The values of a topic that are tried; `read`: what code reads of it, None to try all."""
+class _TriedValues:
+    """The values of a topic that a stand-in tries; all of them if `read` (its reads) is None."""
 
     def __init__(
         self, topic: Topic, stated: Mapping[Path, Sequence[Value]], read: ReadTopic | None
@@ -255,7 +256,7 @@ class _Values:
         self.stated = stated
         self.read = read
 
-    def choice(self) -> tuple[typed.TypedExpr, int]:
+    def choice_and_count(self) -> tuple[typed.TypedExpr, int]:
         """Gives an expression that chooses one of the values, and their number."""
         topic = self.topic
         return self._choice_of_part(topic.type, topic.bounds, topic.default, topic.name, ())
@@ -263,10 +264,10 @@ class _Values:
     def _choice_of_part(
         self, t: Type, bounds: Sequence[Bound | None], first: Value, name: str, path: Path | None
     ) -> tuple[typed.TypedExpr, int]:
-        """Gives the same for a part with first value `first`; `path` is None inside of an array."""
+        """Gives a choice of values of a part, and their number; `path` is None inside an array."""
         if path is not None and path in self.stated:
-            return _choose_value(t, self.stated[path], name)
-        if isinstance(t, RecordType) or (isinstance(t, ArrayType) and self._told(path)):
+            return _value_choice(t, self.stated[path], name)
+        if isinstance(t, RecordType) or (isinstance(t, ArrayType) and self._tries_elements(path)):
             return self._choice_of_parts(t, bounds, first, name, path)
         where = None
         if self.read is not None and path is not None:
@@ -276,11 +277,11 @@ class _Values:
                 if compared is None:
                     return typed.Literal(t, _span_with_text(name), first), 1
                 assert isinstance(t, (IntType, FloatType))
-                return _choose_value(t, representative_numbers(compared, bounds[0], t, first), name)
+                return _value_choice(t, representative_numbers(compared, bounds[0], t, first), name)
         return _choice_of_all(t, bounds, name, where)
 
-    def _told(self, path: Path | None) -> bool:
-        """Whether values of an array's elements are distinguished, or all are tried."""
+    def _tries_elements(self, path: Path | None) -> bool:
+        """Whether code distinguishes values of an array's elements, or all are to be tried."""
         return self.read is None or path is None or self.read.place_of_whole_read(path) is not None
 
     def _choice_of_parts(
@@ -331,7 +332,7 @@ def _choice_of_all(
     return typed.TypedChoose(t, _span_with_text(f"any {name}"), count, low, (), None), count
 
 
-def _choose_value(t: Type, values: Sequence[Value], name: str) -> tuple[typed.TypedExpr, int]:
+def _value_choice(t: Type, values: Sequence[Value], name: str) -> tuple[typed.TypedExpr, int]:
     span = _span_with_text(f"any {name}")
     options = tuple(typed.Literal(t, span, v) for v in values)
     if len(options) == 1:
@@ -344,7 +345,7 @@ def _choice_to_publish(symbol: typed.TopicSymbol) -> typed.TypedExpr:
 
 
 def _first_choice(value: typed.TypedExpr) -> typed.TypedExpr:
-    """Gives a fixed one of the values that `value` chooses from, where any will do."""
+    """Gives the first of the values that `value` chooses from, where any of them is right."""
     if isinstance(value, typed.Aggregate):
         return replace(value, elements=tuple(_first_choice(e) for e in value.elements))
     if isinstance(value, typed.Literal):
@@ -363,9 +364,9 @@ def _span_with_text(words: str) -> Span:
 
 @dataclass(frozen=True)
 class StatedValues:
-    """Stated values of a part of the topic with index `topic`; `first`: the part's first value.
+    """The values that a test states of a part of a topic; `first` is the part's first value.
 
-    `promised`: whether they are `guarantees`, with which `first` is tried, too; else `assumes`.
+    `promised` says that the test `guarantees` them, so that `first` is tried, too; else `assumes`.
     """
 
     topic: int
@@ -377,13 +378,13 @@ class StatedValues:
     span: Span
 
     @property
-    def tried(self) -> tuple[Value, ...]:
-        """Gives the values that a stand-in tries: with `promised` also the first value."""
+    def tried_values(self) -> tuple[Value, ...]:
+        """Gives the values that a stand-in tries; if they are promised, also the first value."""
         every = (self.first, *self.values) if self.promised else self.values
         return tuple(dict.fromkeys(every))
 
 
-def field_path(read: typed.TypedExpr) -> tuple[typed.TopicSymbol, Path]:
+def topic_and_path(read: typed.TypedExpr) -> tuple[typed.TopicSymbol, Path]:
     """Gives the topic that `read` reads, and the path of its field from the whole inwards."""
     path: list[int] = []
     while isinstance(read, typed.TypedField):
@@ -393,7 +394,7 @@ def field_path(read: typed.TypedExpr) -> tuple[typed.TopicSymbol, Path]:
     return read.topic, tuple(reversed(path))
 
 
-def part_of(value: Value, path: Path) -> Value:
+def part_at(value: Value, path: Path) -> Value:
     """Gives the part of a value at `path`."""
     for index in path:
         value = value[index]
@@ -408,8 +409,8 @@ def with_part(value: Value, path: Path, part: Value) -> Value:
     return (*value[: path[0]], inner, *value[path[0] + 1 :])
 
 
-def is_one_of(read: typed.TypedExpr, values: Sequence[Value]) -> typed.TypedExpr:
-    """Gives the condition that `read` equals one of the values, leaf by leaf (0.0 equals -0.0)."""
+def equality_with_one_of(read: typed.TypedExpr, values: Sequence[Value]) -> typed.TypedExpr:
+    """Gives the condition that `read` equals one of the values, leaf by leaf, with 0.0 == -0.0."""
     each = [joined("&&", [*_equalities(read, v)], read.span) for v in values]
     return joined("||", each, read.span)
 

@@ -1,7 +1,7 @@
 """Gives stand-ins the values that tests state for them.
 
-Purpose: reads `guarantees t.x in { a, b };` of all tests of a system, holds the real part to what
-others state of its stand-in, and gives stand-ins their steps.
+Purpose: reads `guarantees t.x in { a, b };` of all tests of a system. A test in which the real part
+runs judges it by the values that other tests state of its stand-in. Gives stand-ins their steps.
 Non-goals: what a stand-in does in a step (`stand_ins.py`).
 """
 
@@ -15,13 +15,13 @@ from soter.language.check.constants_and_types import Calculator
 from soter.language.elaborate.distinguishable_values import Readers
 from soter.language.elaborate.passes.stand_ins import (
     StatedValues,
-    field_path,
-    give_step,
-    is_one_of,
-    part_of,
+    equality_with_one_of,
+    give_step_to_stand_in,
+    part_at,
+    topic_and_path,
     with_part,
 )
-from soter.language.elaborate.passes.topics import topic_at
+from soter.language.elaborate.passes.topics import index_at
 from soter.language.elaborate.passes.value_sets import require_in_set
 from soter.language.model import typed
 from soter.language.model.system import Property
@@ -36,17 +36,17 @@ if TYPE_CHECKING:
     from soter.language.model.types import Value
 
 
-def hold_to_stated_values(flat: Flattening, own: typed.TestSymbol) -> None:
-    """Adds `stated`, and `properties`: real parts publish what tests but `own` state of them."""
-    sets = _settings_in(own)
+def hold_to_stated_values(flat: Flattening, running_test: typed.TestSymbol) -> None:
+    """Adds `stated`, and `properties` that hold real parts to what other tests state."""
+    sets = _settings_in(running_test)
     for test in flat.program.tests.values():
-        alike = test.system is own.system and _settings_in(test) == sets
-        flat.stated[test] = _stated_values(flat, test) if alike or test is own else []
-    _check_stated_values(flat, own)
+        alike = test.system is running_test.system and _settings_in(test) == sets
+        flat.stated[test] = _stated_values(flat, test) if alike or test is running_test else []
+    _check_stated_values(flat, running_test)
     for test, known in flat.stated.items():
         for s in known:
             for c in flat.components:
-                if test is not own and _is_own_driver(flat, own, c, s.topic):
+                if test is not running_test and _is_real_driver(flat, running_test, c, s.topic):
                     index = len(flat.properties)
                     flat.properties.append(_stated_property(c, s, test, index))
 
@@ -55,24 +55,24 @@ def _stated_values(flat: Flattening, test: typed.TestSymbol) -> list[StatedValue
     """Gives the values that a test of this system states; reports V005 for one outside its set."""
     known: list[StatedValues] = []
     for item in test.stated:
-        symbol, path = field_path(item.read)
-        topic = flat.topics[topic_at(flat, flat.parts[0], symbol)]
+        symbol, path = topic_and_path(item.read)
+        topic = flat.topics[index_at(flat, flat.parts[0], symbol)]
         values = []
         for e in item.values:
-            value = flat.number(e, "the value of a stand-in")
+            value = flat.value_of(e, "the value of a stand-in")
             if value is not None:
                 values.append(value)
-                whole = with_part(topic.default, path, value)
-                require_in_set(flat, topic, whole, e, f"this value of `{topic.symbol.name}`")
-        first, promised = part_of(topic.default, path), item.kind == "guarantees"
+                topic_value = with_part(topic.default, path, value)
+                require_in_set(flat, topic, topic_value, e, f"this value of `{topic.symbol.name}`")
+        first, promised = part_at(topic.default, path), item.kind == "guarantees"
         known.append(
             StatedValues(topic.index, path, tuple(values), first, promised, item.text, item.span)
         )
     return known
 
 
-def _is_own_driver(flat: Flattening, test: typed.TestSymbol, c: Component, topic: int) -> bool:
-    """Whether `c` publishes `topic` and is the system's own: the test did not put it there."""
+def _is_real_driver(flat: Flattening, test: typed.TestSymbol, c: Component, topic: int) -> bool:
+    """Whether `c` publishes `topic` and is part of the system, not put there by the test."""
     by_test = flat.put_in.get(c.name) in [span for _, _, span in test.replaces]
     if c.node is None or c.stands_for is not None or by_test:
         return False
@@ -86,14 +86,14 @@ def _stated_property(c: Component, s: StatedValues, test: typed.TestSymbol, inde
     for i in s.path:
         assert isinstance(read.type, RecordType)
         read = typed.TypedField(read.type.fields[i][1], s.span, read, i)
-    condition = is_one_of(read, s.tried)
+    condition = equality_with_one_of(read, s.tried_values)
     says = "has" if s.promised else "assumes"
     text = f"{s.text}, as {test.name} {says} it, in {c.name}"
     return Property(index, "guarantees", condition, c.scope, text, s.span, c.index)
 
 
 def _check_stated_values(flat: Flattening, test: typed.TestSymbol) -> None:
-    """Reports E020 for values of no stand-in's topic, N002 for values that are stated twice."""
+    """Reports E020 for values of a topic of no stand-in, N002 for values that are stated twice."""
     published = {t for c in flat.components if c.stands_for is not None for t in c.writes}
     before: list[StatedValues] = []
     for s in flat.stated[test]:
@@ -120,7 +120,7 @@ def _check_stated_values(flat: Flattening, test: typed.TestSymbol) -> None:
 
 
 def give_steps_to_stand_ins(flat: Flattening, test: typed.TestSymbol, system: System) -> None:
-    """Gives stand-ins their steps; what code of `system` reads decides on what they publish."""
+    """Gives stand-ins their steps, which publish all values that code of `system` distinguishes."""
     if flat.partial or flat.diagnostics.error_count:
         return
     asked = [(e, p.scope) for p in flat.timed for e in (p.premise, p.condition) if e]
@@ -128,13 +128,13 @@ def give_steps_to_stand_ins(flat: Flattening, test: typed.TestSymbol, system: Sy
     stated: dict[int, dict[Path, tuple[Value, ...]]] = {}
     here = flat.stated[test]
     for s in here:
-        stated.setdefault(s.topic, {})[s.path] = s.tried
+        stated.setdefault(s.topic, {})[s.path] = s.tried_values
     for c in system.components:
         if c.stands_for is None or c.node is None:
             continue
         outputs = {*c.writes}
         c.stands_for = _with_stated_values(c.stands_for, [s for s in here if s.topic in outputs])
-        give_step(c, system.topics, stated, readers, flat.diagnostics)
+        give_step_to_stand_in(c, system.topics, stated, readers, flat.diagnostics)
 
 
 def _constant_value(e: typed.TypedExpr, scope: Scope) -> Value | None:
@@ -147,8 +147,8 @@ def _settings_in(test: typed.TestSymbol) -> set[tuple[str, typed.ParamSymbol, st
     return {(s.path, s.param, repr(s.value)) for s in test.sets}
 
 
-def _with_stated_values(of: StandIn, stated: Sequence[StatedValues]) -> StandIn:
+def _with_stated_values(stand_in: StandIn, stated: Sequence[StatedValues]) -> StandIn:
     """Gives the stand-in's record with the values that a test states for it, for reports."""
     promised = [s.text for s in stated if s.promised]
     tried = [s.text for s in stated if not s.promised]
-    return replace(of, clauses=(*of.clauses, *promised), tried=tuple(tried))
+    return replace(stand_in, clauses=(*stand_in.clauses, *promised), tried=tuple(tried))

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.fixes import the_other_way
+from soter.diagnostics.fixes import exchange_bounds
 from soter.language.elaborate.passes.system_numbers import MAX_PERIOD_NS
 from soter.language.model.system import Fault
 from soter.language.model.types import show_ns, write_ns
@@ -33,7 +33,7 @@ WAIT = "wait"
 def check_step_times(
     node: NodeSymbol, role: str, times: tuple[int, int], diagnostics: Diagnostics
 ) -> None:
-    """Reports V001 for times in the wrong order, M023 if `node` may not take so long.
+    """Reports V001 for times in the wrong order, M023 if steps of `node` may not take time.
 
     `role` is "ac" or "sc" inside a module.
     """
@@ -46,7 +46,7 @@ def check_step_times(
             f"[{write_ns(low)}, {write_ns(high)}] is empty",
             span,
             "the lower bound is above the upper one",
-            helps=(the_other_way(node.takes[0].span, node.takes[1].span),),
+            helps=(exchange_bounds(node.takes[0].span, node.takes[1].span),),
         )
         return
     for message, note, help_ in _reasons_against_takes(node, role):
@@ -61,7 +61,7 @@ def check_step_times(
 
 
 def _reasons_against_takes(node: NodeSymbol, role: str) -> Iterator[tuple[str, str, str]]:
-    """Yields reasons why a node may not take time: message, note, help."""
+    """Yields message, note and help for each reason why steps of a node may not take time."""
     if role == "sc":
         yield (
             f"`{node.name}` is a safe controller: its steps may not take time",
@@ -108,11 +108,11 @@ def check_double_response(
 
 
 def wcet_and_jitter(
-    numbers: Numbers, of: typed.NodeSymbol | typed.ModuleSymbol
+    numbers: Numbers, symbol: typed.NodeSymbol | typed.ModuleSymbol
 ) -> tuple[int | None, int]:
     """Gives `wcet` and `jitter` in ns; None and 0 if they are not declared or after a report."""
-    jitter = _time_ns(numbers, of.jitter, f"the jitter of `{of.name}`", least=0)
-    return _time_ns(numbers, of.wcet, f"the wcet of `{of.name}`", least=1), jitter or 0
+    jitter = _time_ns(numbers, symbol.jitter, f"the jitter of `{symbol.name}`", least=0)
+    return _time_ns(numbers, symbol.wcet, f"the wcet of `{symbol.name}`", least=1), jitter or 0
 
 
 def _time_ns(
@@ -154,7 +154,7 @@ def mark_inline_nodes(flat: Flattening) -> None:
 def with_wait_faults(
     modules: Sequence[Module], faults: Sequence[Fault], *, shuffled: bool
 ) -> tuple[Fault, ...]:
-    """Gives these faults and, in the deployed order, "wait" faults of SCs with a late DM."""
+    """Gives `faults`, with "wait" faults of each SC whose DM may be late, unless `shuffled`."""
     others = [f for f in faults if f.kind != WAIT]
     return (*others, *(() if shuffled else _wait_faults(modules, others)))
 

@@ -21,7 +21,7 @@ from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-from soter.diagnostics.fixes import the_other_way
+from soter.diagnostics.fixes import exchange_bounds
 from soter.language.check.constants_and_types import Calculator
 from soter.language.check.declarations import scalar_text
 from soter.language.check.parts.node import UNKNOWN
@@ -43,8 +43,8 @@ Values = dict[typed.ParamSymbol, Any]
 class Parameters:
     """The parameters of one system that runs.
 
-    `everywhere`: values where no instance has its own; `named`: these and the instances' own, by
-    full name (`GAIN`, `r[0].GAIN`), as reports print them and overrides can give them.
+    `everywhere` has the values where no instance has its own. `named` has these and the values of
+    instances, by full name (`GAIN`, `r[0].GAIN`), as reports print and overrides give them.
     """
 
     def __init__(
@@ -61,21 +61,21 @@ class Parameters:
         self._known: dict[object, Values] = {}
         self.add_settings("", sets)
         self.everywhere: Values = {
-            p: self._value_set("", p, p.default.value)
+            p: self._setting_for("", p, p.default.value)
             for p in program.params.values()
             if isinstance(p.default, typed.Literal)
         }
         self.named: dict[str, Value] = {p.name: v for p, v in self.everywhere.items()}
 
     def add_settings(self, prefix: str, sets: Iterable[typed.SetSymbol]) -> None:
-        """Adds settings of a system below `prefix`; earlier ones stay: outer systems first."""
+        """Adds settings of a system below `prefix`; those of outer systems, added before, stay."""
         for item in sets:
             if item.path or not prefix:
                 self._set.setdefault((prefix + item.path, item.param), item)
 
     def values_inside(self, path: str, around: Values) -> Values:
-        """Gives the values in the instance at this full path; `around` itself if it sets none."""
-        set_here = {p: v for p in around if (v := self._value_set(path, p, None)) is not None}
+        """Gives the values in the instance at a full path; `around` itself if none is set there."""
+        set_here = {p: v for p in around if (v := self._setting_for(path, p, None)) is not None}
         if not set_here:
             return around
         self.named |= {f"{path}.{p.name}": v for p, v in set_here.items()}
@@ -95,7 +95,7 @@ class Parameters:
         around = ["", *(path[:i] for i, c in enumerate(path) if c == "."), path]
         return any((at, param) in self._set for at in around)
 
-    def _value_set(
+    def _setting_for(
         self, path: str, param: typed.ParamSymbol, default: Value | None
     ) -> Value | None:
         name = f"{path}.{param.name}" if path else param.name
@@ -173,7 +173,7 @@ class Numbers:
 
     @contextmanager
     def with_params(self, params: Values) -> Iterator[None]:
-        """Computes numbers with these parameters in the context, from the same budget."""
+        """Lets the numbers inside the `with` be computed with these parameters, in one budget."""
         before, outer = self.params, self.calculator
         if params is not before:
             known = self._calculators.get(id(params))
@@ -190,85 +190,85 @@ class Numbers:
 
     # ------------------------------------------------------------ numbers
 
-    def number(self, expr: typed.TypedExpr | None, what: str) -> Value | None:
-        """The value of a constant expression under this system's parameters; None without one."""
-        return None if expr is None else self.calculator.value(expr, what)
+    def value_of(self, expr: typed.TypedExpr | None, subject: str) -> Value | None:
+        """Gives the value of `expr` by this system's parameters; None without it, or after T020."""
+        return None if expr is None else self.calculator.value(expr, subject)
 
     def time_ns_from(
-        self, expr: typed.TypedExpr | None, what: str, least: int, too_little: str
+        self, expr: typed.TypedExpr | None, subject: str, least: int, too_little: str
     ) -> int | None:
-        """Gives a time of `least` ns or more; None if none is declared or after C001."""
-        value = self.number(expr, what)
+        """Gives a time of at least `least` ns; None if none is declared, or after C001."""
+        value = self.value_of(expr, subject)
         if value is None or expr is None or value >= least:
             return value
         this = f"this is {show_ns(value)}"
-        self.diagnostics.error("C001", f"{what} {too_little}", expr.span, this)
+        self.diagnostics.error("C001", f"{subject} {too_little}", expr.span, this)
         return None
 
     def _value_in_limits(
         self,
         value: Value | None,
         expr: typed.TypedExpr | None,
-        what: str,
+        subject: str,
         limits: tuple[int, int],
         shown: Callable[[int], str],
     ) -> int | None:
-        """Gives `value` if it is in these limits; None if there is none or after C002."""
+        """Gives `value` if it is within `limits`; None if there is no value, or after C002."""
         low, high = limits
         if value is None or expr is None or low <= value <= high:
             return value
         possible = f"{shown(low)} to {shown(high)} are possible"
-        self.diagnostics.error("C002", f"{what} cannot be {shown(value)}", expr.span, possible)
+        self.diagnostics.error("C002", f"{subject} cannot be {shown(value)}", expr.span, possible)
         return None
 
-    def duration_ns(self, expr: typed.TypedExpr | None, what: str) -> int | None:
+    def duration_ns(self, expr: typed.TypedExpr | None, subject: str) -> int | None:
         """Gives a time in ns; None without one or after C001 (not above 0), C002 (too long)."""
         if isinstance(expr, typed.Literal) and expr.name == UNKNOWN:
             return None
-        value = self.time_ns_from(expr, what, 1, "must be longer than zero")
-        return self._value_in_limits(value, expr, what, (MIN_PERIOD_NS, MAX_PERIOD_NS), show_ns)
+        value = self.time_ns_from(expr, subject, 1, "must be longer than zero")
+        return self._value_in_limits(value, expr, subject, (MIN_PERIOD_NS, MAX_PERIOD_NS), show_ns)
 
-    def run_length_ns(self, expr: typed.TypedExpr | None, what: str) -> int | None:
+    def run_length_ns(self, expr: typed.TypedExpr | None, subject: str) -> int | None:
         """Gives the length of a run in ns; None if none is declared or after a report."""
-        value = self.time_ns_from(expr, what, 1, "must be longer than zero")
+        value = self.time_ns_from(expr, subject, 1, "must be longer than zero")
         if value is None or expr is None or value <= MAX_TIME_NS:
             return value
         years = "at most 146 years are possible"
-        self.diagnostics.error("C002", f"{what} is too long", expr.span, years)
+        self.diagnostics.error("C002", f"{subject} is too long", expr.span, years)
         return None
 
-    def delay_ns(self, expr: typed.TypedExpr | None, what: str) -> int | None:
+    def delay_ns(self, expr: typed.TypedExpr | None, subject: str) -> int | None:
         """Gives a delay in ns, which may be 0; None if none is declared or after a report."""
-        value = self.time_ns_from(expr, what, 0, "cannot be negative")
-        return self._value_in_limits(value, expr, what, (0, MAX_PERIOD_NS), show_ns)
+        value = self.time_ns_from(expr, subject, 0, "cannot be negative")
+        return self._value_in_limits(value, expr, subject, (0, MAX_PERIOD_NS), show_ns)
 
-    def count(self, expr: typed.TypedExpr | None, what: str, low: int, high: int) -> int | None:
+    def count(self, expr: typed.TypedExpr | None, subject: str, low: int, high: int) -> int | None:
         """Gives a whole number in [low, high]; None if none is declared or after C002."""
-        return self._value_in_limits(self.number(expr, what), expr, what, (low, high), str)
+        return self._value_in_limits(self.value_of(expr, subject), expr, subject, (low, high), str)
 
-    def bound(self, expr: typed.TypedExpr, what: str) -> float | None:
+    def bound(self, expr: typed.TypedExpr, subject: str) -> float | None:
         """Gives the value of a bound, not negative; None after a report (V006)."""
-        bound = self.number(expr, what)
+        bound = self.value_of(expr, subject)
         if bound is None or (math.isfinite(bound) and bound >= 0):
             return bound
-        message = f"{what} must be finite and not negative"
+        message = f"{subject} must be finite and not negative"
         self.diagnostics.error("V006", message, expr.span, f"this is {bound!r}")
         return None
 
     def interval(
-        self, low: typed.TypedExpr, high: typed.TypedExpr, span: Span, what: str
+        self, low: typed.TypedExpr, high: typed.TypedExpr, span: Span, subject: str
     ) -> tuple[float, float] | None:
-        """Gives both bounds; None after a report: V006 if not finite, V001 if out of order."""
-        a, b = self.number(low, what), self.number(high, what)
+        """Gives the bounds low and high; None after V006 (not finite) or V001 (out of order)."""
+        a, b = self.value_of(low, subject), self.value_of(high, subject)
         if a is None or b is None:
             return None
         shown = f"[{a!r}, {b!r}]"
         if not (math.isfinite(a) and math.isfinite(b)):
-            self.diagnostics.error("V006", f"{what} must be bounded", span, f"this is {shown}")
+            self.diagnostics.error("V006", f"{subject} must be bounded", span, f"this is {shown}")
             return None
         if not math.isfinite(b - a):
             self.diagnostics.error(
-                "V006", f"{what} is wider than any float", span, f"this is {shown}"
+                "V006", f"{subject} is wider than any float", span, f"this is {shown}"
             )
             return None
         if a > b:
@@ -277,14 +277,14 @@ class Numbers:
                 f"{shown} is empty",
                 span,
                 "the lower bound is above the upper one",
-                helps=(the_other_way(low.span, high.span),),
+                helps=(exchange_bounds(low.span, high.span),),
             )
             return None
         return a, b
 
     def skew_ns(self, expr: typed.TypedExpr | None) -> int:
         """Gives the skew of a test in ns, 0 or more; 0 also after a report."""
-        value = self.number(expr, "`skew`")
+        value = self.value_of(expr, "`skew`")
         return self._value_in_limits(value, expr, "`skew`", (0, MAX_PERIOD_NS), show_ns) or 0
 
 
@@ -320,12 +320,12 @@ class SizeCounter:
             return False  # it is reported for that inner system
         if count > MAX_COMPONENTS:
             text = str(count) if count < 10**12 else f"about 10^{len(str(count)) - 1}"
-            self._report(
+            self._report_size(
                 f"has {text} parts",
                 f"at most {MAX_COMPONENTS} are possible, systems inside it included",
             )
         elif depth > MAX_DEPTH and not self.diagnostics.has_errors:
-            self._report(f"nests {depth} levels deep", f"at most {MAX_DEPTH} are possible")
+            self._report_size(f"nests {depth} levels deep", f"at most {MAX_DEPTH} are possible")
         return count <= MAX_COMPONENTS and depth <= MAX_DEPTH
 
     def _count_parts(self) -> tuple[int, int]:
@@ -353,10 +353,10 @@ class SizeCounter:
             known = self._sizes[id(t)] = (t, leaf_count(t))
         self._numbers += known[1]
         if self._numbers > MAX_NUMBERS:
-            self._report(f"has a state of more than {MAX_NUMBERS} numbers", "in this system")
+            self._report_size(f"has a state of more than {MAX_NUMBERS} numbers", "in this system")
         return self._numbers <= MAX_NUMBERS
 
-    def _report(self, problem: str, label: str) -> None:
+    def _report_size(self, problem: str, label: str) -> None:
         if not self.system.name:
             return  # the system is not one that the program declares
         self.diagnostics.error(
@@ -411,9 +411,9 @@ def warn_of_idle_settings(
 
 
 def _params_read(root: object) -> Reads:
-    """Parameters that a part of a checked program reads, also in the functions that it calls.
+    """Gives the parameters that a part of a program reads, also in the functions that it calls.
 
-    What a topic's own declaration reads does not count for a part that reads the topic.
+    Parameters in the declaration of a topic do not count for a part that reads the topic.
     """
     params: set[typed.ParamSymbol] = set()
     seen: set[int] = set()
@@ -427,12 +427,12 @@ def _params_read(root: object) -> Reads:
             todo.extend(node.values())
         elif isinstance(node, typed.ParamRead):
             params.add(node.param)
-        elif _is_code(kind) and id(node) not in seen:
+        elif _is_searched(kind) and id(node) not in seen:
             seen.add(id(node))
             todo.extend(vars(node).values())
     return frozenset(params)
 
 
 @cache
-def _is_code(kind: type) -> bool:
+def _is_searched(kind: type) -> bool:
     return kind.__module__ == typed.__name__ and not issubclass(kind, typed.TopicSymbol)

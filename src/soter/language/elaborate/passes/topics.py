@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.language.check.dots_and_brackets import listed
+from soter.language.check.dots_and_brackets import quoted
 from soter.language.elaborate.passes.system_numbers import TooLargeError
 from soter.language.elaborate.passes.value_sets import set_and_default
 from soter.language.model import typed
@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     )
 
 
-def topic_at(flat: Flattening, place: PlacedInstance | SubSystem, symbol: typed.TopicSymbol) -> int:
-    """Gives the index of the topic that `symbol` means at a place, and makes the topic if need be.
+def index_at(flat: Flattening, place: PlacedInstance | SubSystem, symbol: typed.TopicSymbol) -> int:
+    """Gives the index of the topic that `symbol` means at a place; makes the topic if it is new.
 
     Raises TooLargeError where there is no room for its values.
     """
@@ -95,7 +95,7 @@ def home_of_topic(
 
 
 def _home_along_wires(flat: Flattening, path: list[str], topic: typed.TopicSymbol) -> TopicKey:
-    """Gives the home of a topic that the system at `path` names: where all wires from it lead.
+    """Gives the topic, and the prefix of its system, to which wires lead from `topic` at `path`.
 
     Wires may lead from instance to instance; M021 is reported if they lead in a circle.
     """
@@ -135,7 +135,7 @@ def _report_circle(
         "M021",
         f"`{names[0]}` is wired to itself"
         if len(names) == 1
-        else f"{listed(sorted(names))} are wired in a circle",
+        else f"{quoted(sorted(names))} are wired in a circle",
         first,
         also=tuple((s, "and back here") for s in spans if s is not first)[:1],
         notes=("a wire gives a topic the place of another one: somewhere there must be one",),

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 def set_and_default(flat: Flattening, symbol: typed.TopicSymbol) -> tuple[Bounds, bool, Value]:
-    """Gives bounds of leaves, whether every number has one, the first value, by `flat.params`."""
+    """Gives a topic's bounds of leaves, whether each number has one, and the first value."""
     key = symbol, id(flat.params)
     if key not in flat.sets:
         bounds, declared = _bounds_of_leaves(flat, symbol)
@@ -64,7 +64,7 @@ def _first_value(flat: Flattening, symbol: typed.TopicSymbol, bounds: Bounds) ->
     """Gives the first value of a topic; reports V002 if it lies outside the set."""
     written = symbol.default
     description = f"the default of `{symbol.name}`"
-    value = flat.number(written, description)
+    value = flat.value_of(written, description)
     if value is None:
         value = default_value(symbol.type)
     if symbol in flat.program.damaged:
@@ -78,7 +78,7 @@ def _first_value(flat: Flattening, symbol: typed.TopicSymbol, bounds: Bounds) ->
         sets = tuple((r.span, "its set") for r in symbol.values.values())
         flat.diagnostics.error(
             "V002",
-            f"{description}{where} is {outside_text(number, bound)}",
+            f"{description}{where} is {text_of_number_outside(number, bound)}",
             written.span if written is not None else symbol.span,
             f"starts at {number!r}" if written is None else "",
             also=sets if len(sets) == 1 else (),
@@ -97,10 +97,10 @@ def require_in_set(
     topic: Topic,
     value: Value,
     expr: typed.TypedExpr,
-    what: str,
+    subject: str,
     notes: tuple[str, ...] = (),
 ) -> None:
-    """Reports V005 if a value lies outside its topic's set; `what` opens the message."""
+    """Reports V005, beginning with `subject`, if a value lies outside its topic's set."""
     outside = first_outside(topic.type, value, topic.bounds)
     if outside is None or topic.symbol in flat.program.damaged:
         return
@@ -108,7 +108,7 @@ def require_in_set(
     where = f" (`{leaf}`)" if leaf else ""
     flat.diagnostics.error(
         "V005",
-        f"{what}{where} is {outside_text(number, bound)}",
+        f"{subject}{where} is {text_of_number_outside(number, bound)}",
         expr.span,
         also=((topic.symbol.span, "the topic"),),
         notes=notes,
@@ -116,7 +116,7 @@ def require_in_set(
 
 
 def _all_allow_zeros(t: Type, bounds: Bounds) -> bool:
-    """Whether a value of zeros is inside all bounds; it is not built, since it may be large."""
+    """Whether zero is inside all bounds; no value of zeros is made, since it may be large."""
     return is_vector_part(t) and all(b is None or b.low <= 0.0 <= b.high for b in set(bounds))
 
 
@@ -125,8 +125,8 @@ def bound_text(bound: Bound) -> str:
     return f"[{bound.low!r}, {bound.high!r}]"
 
 
-def outside_text(number: float, bound: Bound) -> str:
-    """Gives the end of a sentence about a number that is not in its bound."""
+def text_of_number_outside(number: float, bound: Bound) -> str:
+    """Gives the text about a number outside its bound that ends a sentence of a message."""
     if math.isfinite(number):
         return f"{number!r}, outside {bound_text(bound)}"
     return f"{number!r}, which no topic may hold"
@@ -168,7 +168,7 @@ class _Bounder:
 
 
 def _cut_to_type(bound: Bound | None, t: IntType) -> Bound | None:
-    """Cuts the bound of an int to what its type can hold; draws and the gate rely on this."""
+    """Gives the bound of an int, within its type's range; draws and the gate rely on this."""
     if bound is None:
         return None if t.is_full else Bound(t.low, t.high)
     return Bound(max(bound.low, t.low), min(bound.high, t.high))
@@ -176,11 +176,11 @@ def _cut_to_type(bound: Bound | None, t: IntType) -> Bound | None:
 
 def first_outside(t: Type, value: Value, bounds: Bounds) -> tuple[str, float, Bound] | None:
     """Gives the first leaf of a value that is outside its bound: (path, value, bound); or None."""
-    violation, _ = _first_outside_from(t, value, bounds, 0, "")
+    violation, _ = _first_outside_and_next(t, value, bounds, 0, "")
     return violation
 
 
-def _parts_at(
+def _typed_parts(
     t: RecordType | ArrayType, value: Value, path: str
 ) -> Iterator[tuple[Type, Value, str]]:
     """Yields type, value and path of each field or element of a value."""
@@ -191,20 +191,20 @@ def _parts_at(
         yield from ((t.element, part, f"{path}[{i}]") for i, part in enumerate(value))
 
 
-def _first_outside_from(
+def _first_outside_and_next(
     t: Type, value: Value, bounds: Bounds, at: int, path: str
 ) -> tuple[tuple[str, float, Bound] | None, int]:
     """Gives the first leaf outside its bound, and the position in `bounds` behind the value."""
     if isinstance(t, (RecordType, ArrayType)):
-        for part_type, part, where in _parts_at(t, value, path):
-            violation, at = _first_outside_from(part_type, part, bounds, at, where)
+        for part_type, part, where in _typed_parts(t, value, path):
+            violation, at = _first_outside_and_next(part_type, part, bounds, at, where)
             if violation is not None:
                 return violation, at
         return None, at
     if isinstance(t, ListType):
         after = at + len(_Bounder({}).bounds_of_leaves(t.element)[0])
         for i, e in enumerate(value):
-            violation, _ = _first_outside_from(t.element, e, bounds, at, f"{path}[{i}]")
+            violation, _ = _first_outside_and_next(t.element, e, bounds, at, f"{path}[{i}]")
             if violation is not None:
                 return violation, after
         return None, after

@@ -15,7 +15,7 @@ from decimal import Decimal
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Edit, Fix, Span, made
+from soter.diagnostics.diagnostic import Edit, Fix, Span, make_diagnostic
 from soter.diagnostics.fixes import replace
 from soter.language.syntax import tree
 from soter.language.syntax.lexer import DURATION, EOF, FLOAT, INT, NAME, RESERVED, STRING, UNIT_NS
@@ -161,7 +161,7 @@ def explain_unit(cursor: Cursor, i: int) -> None:
             time = f"{cursor.texts[i - 1]}{cursor.texts[i]}"
             whole = cursor.token_span(i - 1).to(cursor.token_span(i))
             help_ = replace(whole, time, f"write `{time}`, without a space")
-            cursor.problems[-1] = made(
+            cursor.problems[-1] = make_diagnostic(
                 last.code, last.message, last.primary, last.secondary, last.notes, (help_,)
             )
 

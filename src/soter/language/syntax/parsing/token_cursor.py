@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Fix, Label, Source, Span, made
+from soter.diagnostics.diagnostic import Fix, Label, Source, Span, make_diagnostic
 from soter.diagnostics.fixes import append, apply_fix, replace
 from soter.diagnostics.similar_names import closest
 from soter.language.syntax.lexer import (
@@ -25,7 +25,7 @@ from soter.language.syntax.lexer import (
     lex,
     printable,
 )  # fmt: skip
-from soter.language.syntax.their_words import helps_for, word_at
+from soter.language.syntax.their_words import helps_for_word, table_word_at
 from soter.language.syntax.tree import DottedPath, Name, Ref
 
 if TYPE_CHECKING:
@@ -199,7 +199,9 @@ class Cursor:
             labels = tuple(Label(s, t) for s, t in also)
             if not helps and (theirs := self._help_for_foreign_word()) is not None:
                 span, helps, label = theirs[0], (theirs[1],), ""
-            self.problems.append(made(code, message, Label(span, label), labels, notes, helps))
+            self.problems.append(
+                make_diagnostic(code, message, Label(span, label), labels, notes, helps)
+            )
         self.i += skip
         if not once:
             self.quiet = -1
@@ -207,9 +209,9 @@ class Cursor:
     def _help_for_foreign_word(self) -> tuple[Span, Help] | None:
         """Gives a word of another language before or at the cursor, and its help; or None."""
         for i in (self.i - 1, self.i):
-            word = word_at(self.source.text, self.starts[i]) if i >= 0 else ""
+            word = table_word_at(self.source.text, self.starts[i]) if i >= 0 else ""
             span = Span(self.source, self.starts[i], self.starts[i] + len(word))
-            for help_ in helps_for(word, span):
+            for help_ in helps_for_word(word, span):
                 if isinstance(help_, str):
                     named = self.kinds[i + 1] == NAME
                     return span, help_.replace("Name", self.texts[i + 1]) if named else help_
