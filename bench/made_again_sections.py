@@ -458,7 +458,8 @@ PAGES = (
         "bench/tubes/attack.py --only follow --runs 10000 --holds 1000000 --dives 100 --programs 0",
         times=SIMULATED,
     ),
-    Made("evidence.md", "| robot | states | verdict", "bench/tubes/drawn_robots.py"),
+    Made("evidence.md", "| drawn | states | verdict", "bench/tubes/drawn_robots.py"),
+    Made("evidence.md", "| designed | states | verdict", "bench/tubes/drawn_robots.py"),
     Made(
         "testing.md",
         r"(0) of (100) wrong variants",
