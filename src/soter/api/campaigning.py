@@ -85,9 +85,9 @@ def campaign(
     todo = [(OURS, "the system as it is declared", fleet, folder, about)]
     for arm in others:
         other = Fleet(arm.system, until_ns, core=bind_derived(bindings, arm.system).core)
-        identity = _campaign_identity(arm.system, path, until_ns, seed, 0)
+        of = _campaign_identity(arm.system, path, until_ns, seed, 0)
         identity = replace(
-            identity, arm=arm.name, lateness=_quantiles_ns(lateness), **other.code_fields()
+            of, arm=arm.name, lateness=_quantiles_ns(lateness), **other.code_fields()
         )
         todo.append((arm.name, arm.text, other, folder / f"arm-{arm.name}", identity))
     shares = [_progress_of_part(progress or _ignore_share, k, len(todo)) for k in range(len(todo))]
