@@ -72,23 +72,21 @@ def campaign(
     that judges nothing, U003 for extern nodes, D006 for the folder, D007, D018 for the cluster.
     """
     began = time.perf_counter()
-    flat, core = bindings.system, bindings.core
-    until_ns = run_end_ns(flat, until)
+    flat, core, until_ns = bindings.system, bindings.core, run_end_ns(bindings.system, until)
     count = _flight_count(hours, flights, until_ns)
     threads, horizon_ns = _thread_count(workers), _horizon_of_saves_ns(saves)
     about = _campaign_identity(flat, path, until_ns, seed, horizon_ns)
     folder = Path(output) if output is not None else _default_folder(path, about)
     fleet = Fleet(flat, until_ns, core=core, horizon_ns=horizon_ns)
-    about = replace(about, **fleet.code_fields())
     _require_judged(flat)
     lateness, others = _lateness_and_arms(flat, arms, folder, lateness_s)
+    about = replace(about, **fleet.code_fields())
     todo = [(OURS, "the system as it is declared", fleet, folder, about)]
     for arm in others:
         other = Fleet(arm.system, until_ns, core=bind_derived(bindings, arm.system).core)
         of = _campaign_identity(arm.system, path, until_ns, seed, 0)
-        identity = replace(
-            of, arm=arm.name, lateness=_quantiles_ns(lateness), **other.code_fields()
-        )
+        at = _quantiles_ns(lateness)
+        identity = replace(of, arm=arm.name, lateness=at, **other.code_fields())
         todo.append((arm.name, arm.text, other, folder / f"arm-{arm.name}", identity))
     shares = [_progress_of_part(progress or _ignore_share, k, len(todo)) for k in range(len(todo))]
     with ExitStack() as held:
